@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rigid transforms of the plane and of space, in float64.
+
+A transform is named `target_from_source`: `map_from_sensor.transform(points)` takes points in
+the sensor frame [m] to the map frame [m]. Frames are right-handed, x forward, z up.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import InputError
+
+__all__ = ["Pose", "Pose2", "Pose3"]
+
+FloatArray = npt.NDArray[np.float64]
+
+# Files write rotations with 6 or 7 digits; beyond this a matrix is scaled or sheared, not rounded.
+_ROTATION_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Pose2:
+    """A pose of SE(2): position `x`, `y` [m] and heading `theta` [rad] from the x axis."""
+
+    x: float
+    y: float
+    theta: float
+
+    @property
+    def translation(self) -> FloatArray:
+        """Position [m], shape (2,)."""
+        return np.array([self.x, self.y])
+
+    @property
+    def rotation(self) -> FloatArray:
+        """Rotation matrix, shape (2, 2)."""
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        return np.array([[c, -s], [s, c]])
+
+    @property
+    def is_finite(self) -> bool:
+        """True when no component is NaN or infinite."""
+        return math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.theta)
+
+    def transform(self, points: FloatArray) -> FloatArray:
+        """Take points [m], shape (n, 2), from the source frame to the target frame."""
+        return points @ self.rotation.T + self.translation
+
+    def inverse(self) -> Pose2:
+        """The transform in the other direction."""
+        x, y = -self.rotation.T @ self.translation
+        return Pose2(float(x), float(y), -self.theta)
+
+    def __matmul__(self, other: Pose2) -> Pose2:
+        """Compose: `map_from_body @ body_from_sensor` is `map_from_sensor`."""
+        x, y = self.transform(other.translation[None, :])[0]
+        return Pose2(float(x), float(y), self.theta + other.theta)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose3:
+    """A pose of SE(3): `rotation`, shape (3, 3), and `translation` [m], shape (3,)."""
+
+    rotation: FloatArray
+    translation: FloatArray
+
+    @classmethod
+    def from_matrix(cls, matrix: npt.ArrayLike) -> Pose3:
+        """Read a 3 x 4 or 4 x 4 matrix [R | t], row-major.
+
+        Args:
+            matrix: shape (3, 4) or (4, 4), or 12 or 16 numbers in that order; t in metres.
+
+        Raises:
+            InputError: another count of numbers, or R is scaled, sheared or left-handed.
+        """
+        flat = np.asarray(matrix, dtype=np.float64).ravel()
+        if flat.size not in (12, 16):
+            raise InputError(f"a pose needs 12 or 16 numbers (3 x 4 or 4 x 4), got {flat.size}")
+        upper = flat.reshape(-1, 4)[:3]
+        rotation, translation = upper[:, :3].copy(), upper[:, 3].copy()
+        if np.isfinite(rotation).all():
+            _check_rotation(rotation)
+        return cls(rotation, translation)
+
+    @classmethod
+    def from_quaternion_xyzw(cls, translation: npt.ArrayLike, xyzw: npt.ArrayLike) -> Pose3:
+        """Build a pose from a position [m], shape (3,), and a unit quaternion (x, y, z, w).
+
+        Raises:
+            InputError: the quaternion's norm differs from 1 by more than 1e-3.
+        """
+        t = np.asarray(translation, dtype=np.float64)
+        q = np.asarray(xyzw, dtype=np.float64)
+        norm = float(np.linalg.norm(q))
+        if math.isfinite(norm) and abs(norm - 1.0) > _ROTATION_TOLERANCE:
+            raise InputError(
+                f"a rotation needs a unit quaternion, got norm {norm:.6g}: "
+                "check the order of the columns (x y z w)"
+            )
+        x, y, z, w = q / norm
+        rotation = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        return cls(rotation, t)
+
+    @property
+    def is_finite(self) -> bool:
+        """True when no component is NaN or infinite."""
+        return bool(np.isfinite(self.rotation).all() and np.isfinite(self.translation).all())
+
+    def transform(self, points: FloatArray) -> FloatArray:
+        """Take points [m], shape (n, 3), from the source frame to the target frame."""
+        return points @ self.rotation.T + self.translation
+
+    def inverse(self) -> Pose3:
+        """The transform in the other direction."""
+        return Pose3(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+
+    def __matmul__(self, other: Pose3) -> Pose3:
+        """Compose: `map_from_body @ body_from_sensor` is `map_from_sensor`."""
+        return Pose3(
+            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+        )
+
+
+Pose = Pose2 | Pose3
+
+
+def _check_rotation(rotation: FloatArray) -> None:
+    scale = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if scale > _ROTATION_TOLERANCE:
+        raise InputError(
+            f"a rotation matrix is not orthonormal (off by {scale:.3g}): scaled or sheared poses "
+            "cannot be used"
+        )
+    if np.linalg.det(rotation) < 0:
+        raise InputError("a rotation matrix is left-handed (determinant -1): flip one axis back")
