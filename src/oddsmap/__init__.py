@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Occupancy mapping: range-sensor readings from known poses in, a probabilistic map out.
+
+    log = oddsmap.open_log("intel.log.gz")
+    grid = oddsmap.build_map(log, resolution=0.05)
+    grid.log_odds().save_ros("intel.yaml")
+
+Readings become evidence (hits and passes, exact integers), evidence adds up in a sparse map, and
+every posterior is a view of it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from oddsmap.errors import (
+        ConfigError,
+        InputError,
+        MapTooLargeError,
+        OddsmapError,
+        OutputError,
+    )
+    from oddsmap.evidence import EvidenceMap
+    from oddsmap.export.ros_reader import load_ros
+    from oddsmap.integrate import build_map, integrate
+    from oddsmap.poses import Pose2, Pose3
+    from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.probability_map import ProbabilityMap, State, Thresholds
+    from oddsmap.readers import open_log
+    from oddsmap.scan import Log, Scan
+    from oddsmap.sensors.beam import BeamSensor
+    from oddsmap.store import load_map
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "BeamSensor",
+    "ConfigError",
+    "EvidenceMap",
+    "InputError",
+    "Log",
+    "LogOdds",
+    "MapTooLargeError",
+    "OddsmapError",
+    "OutputError",
+    "Pose2",
+    "Pose3",
+    "ProbabilityMap",
+    "Scan",
+    "State",
+    "Thresholds",
+    "__version__",
+    "build_map",
+    "integrate",
+    "load_map",
+    "load_ros",
+    "open_log",
+]
+
+# Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
+_HOME = {
+    "BeamSensor": "sensors.beam",
+    "ConfigError": "errors",
+    "EvidenceMap": "evidence",
+    "InputError": "errors",
+    "Log": "scan",
+    "LogOdds": "posterior.log_odds",
+    "MapTooLargeError": "errors",
+    "OddsmapError": "errors",
+    "OutputError": "errors",
+    "Pose2": "poses",
+    "Pose3": "poses",
+    "ProbabilityMap": "probability_map",
+    "Scan": "scan",
+    "State": "probability_map",
+    "Thresholds": "probability_map",
+    "build_map": "integrate",
+    "integrate": "integrate",
+    "load_map": "store",
+    "load_ros": "export.ros_reader",
+    "open_log": "readers",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module 'oddsmap' has no attribute {name!r}")
+    value = getattr(import_module(f"oddsmap.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

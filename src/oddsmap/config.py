@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a map was made with: every field that changes a result, and nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from oddsmap.errors import ConfigError
+from oddsmap.probability_map import Thresholds
+from oddsmap.sensors.beam import BeamSensor
+
+__all__ = ["Config", "MapConfig", "PosteriorConfig", "parse_setting", "read_toml", "resolve"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapConfig:
+    """The grid and how it counts.
+
+    Args:
+        resolution: side of a cell [m].
+        votes: "scan" (at most one vote a cell and scan) or "beam" (every beam votes).
+
+    Raises:
+        ConfigError: a value is outside its range.
+    """
+
+    resolution: float
+    votes: str = "scan"
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.resolution < math.inf:
+            raise ConfigError(f"map.resolution is a length above 0 m, got {self.resolution}")
+        if self.votes not in ("scan", "beam"):
+            raise ConfigError(f'map.votes is "scan" or "beam", got "{self.votes}"')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosteriorConfig:
+    """Defaults of the log-odds view.
+
+    Args:
+        prior: p(x) of a cell before any reading.
+        free: a seen cell is free where its probability is at most this.
+        occupied: a seen cell is occupied where its probability is at least this.
+
+    Raises:
+        ConfigError: a value is outside its range.
+    """
+
+    prior: float = 0.5
+    free: float = 0.196
+    occupied: float = 0.65
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.prior < 1.0:
+            raise ConfigError(f"posterior.prior lies between 0 and 1, got {self.prior}")
+        Thresholds(self.free, self.occupied)
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """`free` and `occupied` together."""
+        return Thresholds(self.free, self.occupied)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """All of it, as stored with every map."""
+
+    map: MapConfig
+    sensor: BeamSensor = field(default_factory=BeamSensor)
+    posterior: PosteriorConfig = field(default_factory=PosteriorConfig)
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Nested plain values, as TOML and JSON take them; None where a field is not set."""
+        return dataclasses.asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Mapping[str, Any]], where: str) -> Config:
+        """Check and build: the inverse of `to_dict`.
+
+        Args:
+            values: section -> field -> value.
+            where: what the values came from, for error messages.
+
+        Raises:
+            ConfigError: an unknown section or field (the nearest known one is named), a value of
+                the wrong type or outside its range, or no resolution.
+        """
+        for section, fields in values.items():
+            _known(section, _SECTIONS, where, "section")
+            if not isinstance(fields, Mapping):
+                raise ConfigError(f"{where}: [{section}] is a section, got {fields!r}")
+            for name, value in fields.items():
+                _check_field(section, name, value, where)
+        if "resolution" not in values.get("map", {}):
+            raise ConfigError(f"{where}: map.resolution is missing; a map needs one, in metres")
+        try:
+            return cls(**{name: kind(**values.get(name, {})) for name, kind in _SECTIONS.items()})
+        except ConfigError as error:
+            raise ConfigError(f"{where}: {error}") from None
+
+
+_SECTIONS: dict[str, Any] = {"map": MapConfig, "sensor": BeamSensor, "posterior": PosteriorConfig}
+
+
+def resolve(*layers: tuple[str, Mapping[str, Mapping[str, Any]]]) -> Config:
+    """Merge layers of settings, the strongest last.
+
+    Args:
+        layers: (where it came from, section -> field -> value), the weakest first.
+
+    Returns:
+        The configuration; fields that no layer sets have their defaults.
+
+    Raises:
+        ConfigError: see `Config.from_dict`.
+    """
+    merged: dict[str, dict[str, Any]] = {}
+    for where, values in layers:
+        for section, fields in values.items():
+            _known(section, _SECTIONS, where, "section")
+            if not isinstance(fields, Mapping):
+                raise ConfigError(f"{where}: [{section}] is a section, got {fields!r}")
+            for name, value in fields.items():
+                _check_field(section, name, value, where)
+                merged.setdefault(section, {})[name] = value
+    return Config.from_dict(merged, layers[-1][0] if len(layers) == 1 else "configuration")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a configuration file.
+
+    Raises:
+        ConfigError: it cannot be read, or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not a TOML file: {error}") from None
+
+
+def parse_setting(text: str) -> tuple[str, str, Any]:
+    """Split "section.field=value"; the value is read as TOML, or as a word.
+
+    Raises:
+        ConfigError: not of that form.
+    """
+    key, equals, value = text.partition("=")
+    section, dot, name = key.strip().partition(".")
+    if not (equals and dot and section and name):
+        raise ConfigError(f'--set {text}: needs section.field=value, like "sensor.range_max=30"')
+    try:
+        return section, name, tomllib.loads(f"value = {value.strip()}")["value"]
+    except tomllib.TOMLDecodeError:
+        return section, name, value.strip()
+
+
+def _check_field(section: str, name: str, value: object, where: str) -> None:
+    fields = {field.name: str(field.type) for field in dataclasses.fields(_SECTIONS[section])}
+    _known(name, fields, where, f"field of [{section}]")
+    kind = fields[name]
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    fits = {
+        "float": number,
+        "float | None": number or value is None,
+        "bool": isinstance(value, bool),
+        "str": isinstance(value, str),
+    }[kind]
+    if not fits:
+        wanted = {"float": "a number", "float | None": "a number", "bool": "true or false"}
+        raise ConfigError(f"{where}: {section}.{name} is {wanted.get(kind, 'a word')}, got {value!r}")
+
+
+def _known(name: str, names: Mapping[str, object], where: str, what: str) -> None:
+    if name not in names:
+        nearest = difflib.get_close_matches(name, names, 1, 0.0)[0]
+        raise ConfigError(
+            f'{where}: no {what} is called "{name}"; did you mean "{nearest}"? '
+            f"(known: {', '.join(names)})"
+        )

@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which cells of the plane does a segment pass? Exact, in slabs along its dominant axis.
+
+Cells are half-open squares of side 1. A segment passes a cell if and only if it has positive
+length inside it; corners and borders that are only touched do not count, and the cell of its end
+point is left to the caller, who gives it the hit.
+
+Along the dominant ("major") axis the segment is cut at the cell borders into slabs 0..n, numbered
+from the start. Inside one slab the other ("minor") coordinate moves by at most one cell, so a slab
+holds one or two cells. Y_j, the minor coordinate at border j, is Y_0 + j * slope in fixed point
+with 40 fractional bits: exact enough for 2^22 cells (error below 2^-18 cell), and without a
+dependency from one slab to the next, so the loop vectorises.
+
+A corner counts as touched when the segment comes within 2^-28 cell of it: then ties that are exact
+in real numbers stay ties after rounding.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.kernels.jit import inlined
+
+__all__ = ["BORDERS", "MAX_BORDERS", "emit_passes", "saturated_slabs", "set_up"]
+
+BITS = 40
+UNIT = 1 << BITS
+TOUCH = 1 << 12
+MAX_BORDERS = 1 << 22
+"""The longest segment [cells along the major axis] that fixed point covers."""
+
+# Columns of the per-segment table that `set_up` fills.
+MAJOR = 0
+"""0 where x is the major axis, 1 where y is."""
+STEP = 1
+"""Direction along the major axis, +1 or -1."""
+FIRST = 2
+"""Major index of slab 0."""
+BORDERS = 3
+"""How many cell borders are crossed along the major axis: n."""
+Y_0 = 4
+SLOPE = 5
+RISES = 6
+"""1 where the minor coordinate grows, -1 where it falls, 0 where it rests."""
+MINOR_START = 7
+"""Minor index of the first cell with positive length."""
+MINOR_STOP = 8
+"""Minor index of the last cell with positive length, if the last slab has any."""
+MINOR_END = 9
+"""Minor index of the end point's cell."""
+TAIL = 10
+"""1 where the last slab has positive length, else 0."""
+COLUMNS = 11
+
+Table = npt.NDArray[np.int64]
+
+
+@inlined
+def set_up(ox: float, oy: float, ex: float, ey: float, table: Table, i: int) -> None:
+    """Describe the segment from (ox, oy) to (ex, ey) [cells] in row i of the table.
+
+    Indices are relative to the cell of the start point.
+    """
+    x_major = abs(ex - ox) >= abs(ey - oy)
+    if x_major:
+        a0, b0, a1, b1 = ox, oy, ex, ey
+    else:
+        a0, b0, a1, b1 = oy, ox, ey, ex
+    a_cell, b_cell = math.floor(a0), math.floor(b0)
+    da, db = a1 - a0, b1 - b0
+    table[i, MAJOR] = 0 if x_major else 1
+    end_major = np.int64(math.floor(a1) - a_cell)
+    table[i, MINOR_END] = np.int64(math.floor(b1) - b_cell)
+    if da >= 0:
+        table[i, STEP] = 1
+        table[i, FIRST] = 0
+        table[i, BORDERS] = end_major
+        to_border = (a_cell + 1.0) - a0
+        table[i, TAIL] = 1 if a1 > math.floor(a1) else 0
+    else:
+        first = math.ceil(a0) - 1.0
+        table[i, STEP] = -1
+        table[i, FIRST] = np.int64(first - a_cell)
+        table[i, BORDERS] = table[i, FIRST] - end_major
+        to_border = a0 - first
+        table[i, TAIL] = 1
+    slope = db / abs(da) if da != 0 else 0.0
+    table[i, Y_0] = np.int64(np.rint(((b0 - b_cell) + to_border * slope) * UNIT))
+    # Even, so that half of it is exact: see `_touch`.
+    table[i, SLOPE] = 2 * np.int64(np.rint(slope * (UNIT // 2)))
+    table[i, MINOR_START] = 0
+    table[i, MINOR_STOP] = table[i, MINOR_END]
+    if db > 0:
+        table[i, RISES] = 1
+        table[i, MINOR_STOP] = np.int64(math.ceil(b1) - 1.0 - b_cell)
+    elif db < 0:
+        table[i, RISES] = -1
+        table[i, MINOR_START] = np.int64(math.ceil(b0) - 1.0 - b_cell)
+    else:
+        table[i, RISES] = 0
+    if da == 0:
+        table[i, TAIL] = 0
+
+
+@inlined
+def _touch(slope: int) -> int:
+    # At most half a slab's rise, or a nearly level segment would be moved out of its own cell.
+    return min(TOUCH, abs(slope) >> 1)
+
+
+@inlined
+def saturated_slabs(table: Table, i: int, one: int, other: int) -> int:
+    """How many inner slabs of a segment were marked by two others from the same start point.
+
+    Where the segment's slope lies between those of `one` and `other`, its cells lie between
+    theirs; while the two are less than a cell apart there is no room for a third cell, so all of
+    them are marked. This follows from monotony in exact integers: skipping changes no bit.
+    """
+    same_fan = (
+        table[i, MAJOR] == table[one, MAJOR] == table[other, MAJOR]
+        and table[i, STEP] == table[one, STEP] == table[other, STEP]
+        and (
+            (table[i, RISES] >= 0 and table[one, RISES] >= 0 and table[other, RISES] >= 0)
+            or (table[i, RISES] <= 0 and table[one, RISES] <= 0 and table[other, RISES] <= 0)
+        )
+    )
+    between = (
+        min(table[one, SLOPE], table[other, SLOPE]) <= table[i, SLOPE] <= max(table[one, SLOPE], table[other, SLOPE])
+        and min(table[one, Y_0], table[other, Y_0]) <= table[i, Y_0] <= max(table[one, Y_0], table[other, Y_0])
+    )
+    if not (same_fan and between):
+        return 0
+    reach = min(table[i, BORDERS], table[one, BORDERS], table[other, BORDERS]) - 1
+    room = UNIT - 1 - abs(table[one, Y_0] - table[other, Y_0])
+    room -= abs(_touch(table[one, SLOPE]) - _touch(table[other, SLOPE]))
+    if room < 0 or reach <= 0:
+        return 0
+    spread = abs(table[one, SLOPE] - table[other, SLOPE])
+    if spread == 0:
+        return reach
+    return min(reach, 1 + room // spread)
+
+
+@inlined
+def _inner_range(table: Table, i: int, skip: int, box: Table) -> tuple[int, int]:
+    # Slabs first..last (inclusive) among the inner ones that can reach the window.
+    first, last = 1 + skip, table[i, BORDERS] - 1
+    lo, hi = (box[0], box[1]) if table[i, MAJOR] == 0 else (box[2], box[3])
+    if table[i, STEP] > 0:
+        first = max(first, lo - table[i, FIRST])
+        last = min(last, hi - 1 - table[i, FIRST])
+    else:
+        first = max(first, table[i, FIRST] - (hi - 1))
+        last = min(last, table[i, FIRST] - lo)
+    # The minor coordinate is monotone: cut off the slabs on the wrong side of the window. Where one
+    # of a slab's two cells lies outside, it lies in the window's margin.
+    lo, hi = (box[2], box[3]) if table[i, MAJOR] == 0 else (box[0], box[1])
+    y, slope = table[i, Y_0], table[i, SLOPE]
+    if slope > 0:
+        first = max(first, (lo * UNIT - y) // slope + 1)
+        last = min(last, (hi * UNIT - 1 - y) // slope + 1)
+    elif slope < 0:
+        first = max(first, (y - hi * UNIT) // -slope + 1)
+        last = min(last, (y - lo * UNIT - 1) // -slope + 1)
+    elif y < lo * UNIT or y >= hi * UNIT:
+        last = first - 1
+    return first, last
+
+
+@inlined
+def emit_passes(
+    table: Table,
+    i: int,
+    skip: int,
+    box: Table,
+    clipped: bool,
+    stride: int,
+    buffer: npt.NDArray[np.int32],
+) -> int:
+    """List the cells that a segment passes, without the cell of its end point.
+
+    Args:
+        table: the segments of a scan, from `set_up`.
+        i: which one.
+        skip: inner slabs that need not be listed, from `saturated_slabs`.
+        box: window x_lo, x_hi, y_lo, y_hi [cells, relative to the start cell, half-open].
+        clipped: True where the segment may leave the window.
+        stride: cells in one row of the window, its margin of one cell at either side included.
+        buffer: takes the slabs' cells as offsets into the window, shape (2, at least borders + 1):
+            the two cells of a slab, or one cell twice.
+
+    Returns:
+        How many slabs were written to the buffer.
+    """
+    zero = (1 - box[2]) * stride + (1 - box[0])
+    if table[i, MAJOR] == 0:
+        along, across = table[i, STEP], stride
+        base = zero + table[i, FIRST]
+    else:
+        along, across = table[i, STEP] * stride, 1
+        base = zero + table[i, FIRST] * stride
+    n, y, slope = table[i, BORDERS], table[i, Y_0], table[i, SLOPE]
+    touch = _touch(slope)
+    count = 0
+
+    # Slab 0: from the start point to the first border.
+    start, end = table[i, MINOR_START], table[i, MINOR_END]
+    if n > 0:
+        stop = start
+        if table[i, RISES] > 0:
+            stop = max(start, (y - touch) >> BITS)
+        elif table[i, RISES] < 0:
+            stop = min(start, (y + touch) >> BITS)
+        count = _emit_pair(table, i, 0, start, stop, box, clipped, base, across, buffer, count)
+    elif table[i, TAIL] > 0:
+        count = _emit_last(table, i, 0, start, end, box, clipped, base, across, buffer, count)
+
+    # Inner slabs, each from border to border.
+    first, last = 1 + skip, n - 1
+    if clipped:
+        first, last = _inner_range(table, i, skip, box)
+    lower, upper = (touch, -touch) if slope >= 0 else (-touch, touch)
+    inner = max(0, last + 1 - first)
+    # Two runs of contiguous stores at unsigned indices: this loop vectorises, and it is where
+    # mapping spends its time. (Views of rows would cost more than the loop: each counts references.)
+    column = base + first * along
+    entry_y = y + (first - 1) * slope + lower
+    leave_y = y + first * slope + upper
+    for k in range(inner):
+        buffer[0, np.uint64(count + k)] = np.int32(column + k * along + ((entry_y + k * slope) >> BITS) * across)
+        buffer[1, np.uint64(count + k)] = np.int32(column + k * along + ((leave_y + k * slope) >> BITS) * across)
+    count += inner
+
+    # Last slab: from the last border to the end point.
+    if n > 0 and table[i, TAIL] > 0:
+        entry = (y + (n - 1) * slope + lower) >> BITS
+        count = _emit_last(
+            table, i, n, entry, end, box, clipped, base + n * along, across, buffer, count
+        )
+    return count
+
+
+@inlined
+def _emit_last(
+    table: Table,
+    i: int,
+    slab: int,
+    entry: int,
+    end: int,
+    box: Table,
+    clipped: bool,
+    base: int,
+    across: int,
+    buffer: npt.NDArray[np.int32],
+    count: int,
+) -> int:
+    # Cells from the entry to the end point, without the end point's cell: at most one remains,
+    # because the minor coordinate moves by at most one cell in a slab.
+    stop = table[i, MINOR_STOP]
+    if table[i, RISES] > 0:
+        entry = min(entry, stop)
+    elif table[i, RISES] < 0:
+        entry = max(entry, stop)
+    else:
+        entry = end
+    if entry == end:
+        return count
+    return _emit_pair(table, i, slab, entry, entry, box, clipped, base, across, buffer, count)
+
+
+@inlined
+def _emit_pair(
+    table: Table,
+    i: int,
+    slab: int,
+    one: int,
+    other: int,
+    box: Table,
+    clipped: bool,
+    base: int,
+    across: int,
+    buffer: npt.NDArray[np.int32],
+    count: int,
+) -> int:
+    if clipped:
+        major = table[i, FIRST] + table[i, STEP] * slab
+        if table[i, MAJOR] == 0:
+            lo, hi, low, high = box[0], box[1], box[2], box[3]
+        else:
+            lo, hi, low, high = box[2], box[3], box[0], box[1]
+        if major < lo or major >= hi or max(one, other) < low or min(one, other) >= high:
+            return count
+    buffer[0, count] = np.int32(base + one * across)
+    buffer[1, count] = np.int32(base + other * across)
+    return count + 1

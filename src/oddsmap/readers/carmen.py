@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CARMEN logs: text, one message a line (`carmen_lines.py` reads one of them).
+
+What is particular about these logs:
+- Time stamps are damaged in many of them (cut to 6 digits, all zero, wrapped): the order of the
+  scans is the order of the file, always.
+- "No return" is a number that differs from log to log, found by `no_return.py`. Where lines state
+  a maximum range (ROBOTLASER), the smaller of the two counts. `PARAM robot_front_laser_max` is
+  not used: it is a setting of CARMEN's navigation, and logs that say 80.99 m there (freiburg-079,
+  belgioioso) hold 81.91 m as their number.
+- `#` starts a comment, which may contain the word FLASER. ODOM, NEFF, SYNC and the like hold no
+  readings and are passed over; RAWLASER holds readings without a pose, which a note says.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+
+import numpy as np
+
+from oddsmap.errors import InputError
+from oddsmap.readers.carmen_lines import (
+    LASER_KINDS,
+    BadLineError,
+    LaserLine,
+    beam_directions,
+    parse_laser_line,
+)
+from oddsmap.readers.container import Source
+from oddsmap.readers.loaded import BadLine, LoadedLog
+from oddsmap.readers.no_return import describe_codes, find_codes
+from oddsmap.scan import Scan
+
+__all__ = ["matches", "open_carmen"]
+
+# A line that starts with one of these, or a comment with one of those, makes a file a CARMEN log.
+_OTHER_KINDS = (
+    *("PARAM", "SYNC", "ODOM", "TRUEPOS", "NEFF", "LASER3", "LASER4", "NMEA-GGA", "NMEAGGA"),
+    *("RAWLASER1", "RAWLASER2", "RAWLASER3", "RAWLASER4"),
+)
+_KNOWN_KINDS = frozenset(kind.encode() for kind in (*LASER_KINDS, *_OTHER_KINDS))
+_KNOWN_COMMENTS = (b"# CARMEN Logfile", b"# message formats defined")
+
+# Readings of these have no pose of their own.
+_POSELESS_KINDS = tuple(kind for kind in _OTHER_KINDS if "LASER" in kind)
+
+# Half-circle lasers of known beam counts; for others the half circle is worth a note.
+_USUAL_BEAM_COUNTS = frozenset({180, 181, 360, 361})
+
+_MAX_BAD_LINES_KEPT = 5
+
+
+def matches(head: bytes) -> bool:
+    """Whether a file that starts like this is a CARMEN log."""
+    return any(
+        line.startswith(_KNOWN_COMMENTS) or line.split(None, 1)[0] in _KNOWN_KINDS
+        for line in head.splitlines()
+        if line and not line.isspace()
+    )
+
+
+def open_carmen(source: Source) -> LoadedLog:
+    """Read a CARMEN log.
+
+    Args:
+        source: the decompressed content.
+
+    Returns:
+        The scans of all FLASER, RLASER, ROBOTLASER1 and ROBOTLASER2 lines in file order.
+        `sensor["range_max"]` is the lowest number that means "no return" or the maximum range
+        that the lines state, whichever is smaller; absent where neither is known.
+
+    Raises:
+        InputError: no laser lines, or none that can be used.
+    """
+    lines: list[LaserLine] = []
+    bad_lines: list[BadLine] = []
+    kinds: Counter[str] = Counter()
+    skipped = source.initial_skipped()
+    bad_count = 0
+    for number, text in enumerate(source.content.splitlines(), start=1):
+        fields = text.split()
+        if not fields or fields[0].startswith(b"#"):
+            continue
+        kind = fields[0][:24].decode("ascii", "replace")
+        kinds[kind] += 1
+        if kind not in LASER_KINDS:
+            continue
+        try:
+            lines.append(parse_laser_line(kind, fields))
+        except BadLineError as error:
+            skipped[error.reason] += 1
+            bad_count += 1
+            if len(bad_lines) < _MAX_BAD_LINES_KEPT:
+                bad_lines.append(BadLine(number, str(error)))
+    if not lines:
+        raise _no_scan_error(source.path, kinds, skipped, bad_lines)
+
+    notes = source.initial_notes()
+    if bad_lines:
+        first = _quote(source.path, bad_lines[0])
+        notes.append(f"{bad_count} laser lines were skipped, the first: {first}")
+    range_max = _find_range_max(lines, notes)
+    _note_assumptions(lines, kinds, notes)
+    return LoadedLog(
+        path=source.path,
+        format="CARMEN",
+        sensor={} if range_max is None else {"range_max": range_max},
+        skipped=skipped,
+        notes=tuple(notes),
+        scans=tuple(_to_scan(line) for line in lines),
+        bad_lines=tuple(bad_lines),
+    )
+
+
+def _to_scan(line: LaserLine) -> Scan:
+    directions = beam_directions(line.start, line.step, len(line.ranges))
+    return Scan(line.map_from_sensor, directions, line.ranges, line.stamp_ns)
+
+
+def _find_range_max(lines: list[LaserLine], notes: list[str]) -> float | None:
+    """The range from which on a finite reading is no return [m]; says in `notes` why."""
+    ranges = np.concatenate([line.ranges for line in lines])
+    limits: list[float] = []
+    codes = find_codes(ranges)
+    if codes:
+        limits.append(codes[-1].value)
+        notes.append(describe_codes(codes))
+    stated = {line.maximum_range for line in lines if line.maximum_range is not None}
+    if stated:
+        lowest = min(stated)
+        limits.append(lowest)
+        count = int(np.count_nonzero(np.isfinite(ranges) & (ranges >= lowest)))
+        smallest = " (the smallest it states)" if len(stated) > 1 else ""
+        notes.append(
+            f"the log states a maximum range of {lowest:g} m{smallest}: "
+            f"{count} readings at or above it"
+        )
+    return min(limits, default=None)
+
+
+def _note_assumptions(lines: list[LaserLine], kinds: Counter[str], notes: list[str]) -> None:
+    """Say what a person should know before trusting a map of these scans."""
+    stamps = [line.stamp_ns for line in lines if line.stamp_ns is not None]
+    stuck = sum(later <= earlier for earlier, later in pairwise(stamps))
+    if stuck:
+        notes.append(
+            f"{stuck} of {len(lines)} time stamps are not later than the one before: "
+            "scans are kept in the order of the file"
+        )
+    if len(stamps) < len(lines):
+        notes.append(f"{len(lines) - len(stamps)} scans have no usable time stamp")
+    half_circle = {len(line.ranges) for line in lines if line.kind in ("FLASER", "RLASER")}
+    if unusual := half_circle - _USUAL_BEAM_COUNTS:
+        counts = ", ".join(str(count) for count in sorted(unusual))
+        notes.append(f"FLASER with {counts} beams: a field of view of 180 degrees is assumed")
+    if poseless := sum(kinds[kind] for kind in _POSELESS_KINDS):
+        notes.append(f"{poseless} RAWLASER and LASER lines have no pose and were not read")
+    if kinds["FLASER"] and kinds["ROBOTLASER1"]:
+        notes.append(
+            "FLASER and ROBOTLASER1 lines are both used: if they repeat the same readings, "
+            "take one kind out"
+        )
+
+
+def _no_scan_error(
+    path: str, kinds: Counter[str], skipped: Counter[str], bad_lines: list[BadLine]
+) -> InputError:
+    if not bad_lines:
+        found = ", ".join(f"{kind} ({count})" for kind, count in kinds.most_common(6))
+        return InputError(
+            f"{path}: no laser lines with poses ({', '.join(LASER_KINDS)}); "
+            f"found {found or 'only comments'}: give the log that the laser was recorded in"
+        )
+    laser_count = sum(kinds[kind] for kind in LASER_KINDS)
+    reasons = ", ".join(f"{reason} {count}" for reason, count in skipped.most_common())
+    return InputError(
+        f"{path}: no usable scan, {laser_count} laser lines were skipped ({reasons}), the first: "
+        f"{_quote(path, bad_lines[0])}: check that the log was copied and converted whole"
+    )
+
+
+def _quote(path: str, bad: BadLine) -> str:
+    return f"{path}:{bad.number}: {bad.message}"

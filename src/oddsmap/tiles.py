@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The memory of an evidence map: sparse tiles that grow in every direction."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import ConfigError, MapTooLargeError
+from oddsmap.kernels.tiles import (
+    FRACTION_BITS,
+    MAX_UNITS,
+    TILE_COUNT,
+    WIDE_COUNT,
+    TileArrays,
+    add_tiles,
+    rehash,
+)
+
+__all__ = ["TileStore", "memory_limit"]
+
+IntArray = npt.NDArray[np.int64]
+
+# Tiles handled at a time where they are widened to 64 bits: bounds the memory that takes.
+_CHUNK_TILES = 4096
+
+
+def memory_limit() -> int:
+    """Bytes that one map may take: 80 % of the machine's memory."""
+    try:
+        return int(0.8 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):  # not a POSIX system
+        return 1 << 62
+
+
+class TileStore:
+    """Hits and passes in tiles of `side`^`ndim` cells, found by hash.
+
+    Args:
+        ndim: 2 or 3.
+        side: cells along a tile's side. It changes speed and memory, never a weight.
+    """
+
+    def __init__(self, ndim: int, side: int) -> None:
+        if ndim not in (2, 3) or not 1 <= side <= 1024:
+            raise ConfigError(f"tiles need 2 or 3 axes and a side of 1..1024, got {ndim}, {side}")
+        self.ndim = ndim
+        self.side = side
+        self.arrays = self._empty(0, 0)
+
+    def _empty(self, tiles: int, wide: int) -> TileArrays:
+        cells = self.side**self.ndim
+        slots = 16
+        while slots < 2 * tiles:
+            slots *= 2
+        # np.zeros takes address space; memory only where a tile is used.
+        return TileArrays(
+            table=np.full(slots, -1, np.int64),
+            coords=np.zeros((tiles, self.ndim), np.int64),
+            load=np.zeros(tiles, np.uint8),
+            wide_of=np.zeros(tiles, np.int32),
+            counts=np.zeros(3, np.int64),
+            narrow=np.zeros((tiles, 2, cells), np.uint8),
+            wide=np.zeros((wide, 2, cells), np.int64),
+        )
+
+    @property
+    def count(self) -> int:
+        """Tiles in use."""
+        return int(self.arrays.counts[TILE_COUNT])
+
+    @property
+    def coords(self) -> IntArray:
+        """Tile coordinates, shape (count, ndim), x first, in order of first use."""
+        return self.arrays.coords[: self.count]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes in use."""
+        return self._bytes(self.count, int(self.arrays.counts[WIDE_COUNT]))
+
+    def _bytes(self, tiles: int, wide: int) -> int:
+        per_tile = 2 * self.side**self.ndim
+        return self.arrays.table.nbytes + tiles * (8 * self.ndim + 5 + per_tile) + 8 * wide * per_tile
+
+    def reserve(self, tiles: int, wide: int) -> None:
+        """Make room for that many more tiles and wide rows.
+
+        Raises:
+            MapTooLargeError: the memory of this machine would not hold what is in use already.
+        """
+        used, used_wide = self.count, int(self.arrays.counts[WIDE_COUNT])
+        limit = memory_limit()
+        if self.nbytes > limit:
+            raise MapTooLargeError(
+                f"the map has reached {self.nbytes / 1e9:.1f} GB in {used} tiles, more than the "
+                f"{limit / 1e9:.1f} GB this machine can give it: use a coarser resolution or crop"
+            )
+        room, room_wide = self.arrays.coords.shape[0], self.arrays.wide.shape[0]
+        if used + tiles <= room and used_wide + wide <= room_wide:
+            return
+        if used + tiles > room:
+            room = max(used + tiles, 2 * room)
+        if used_wide + wide > room_wide:
+            room_wide = max(used_wide + wide, 2 * room_wide)
+        old, new = self.arrays, self._empty(room, room_wide)
+        new.counts[:] = old.counts
+        for name in ("coords", "load", "wide_of", "narrow"):
+            getattr(new, name)[:used] = getattr(old, name)[:used]
+        new.wide[:used_wide] = old.wide[:used_wide]
+        rehash(new)
+        self.arrays = new
+
+    def units(self, slots: IntArray | slice) -> IntArray:
+        """Weights in units of 1/65536 vote, shape (n, 2, cells of a tile): hits, passes."""
+        units = self.arrays.narrow[slots].astype(np.int64) << FRACTION_BITS
+        rows = self.arrays.wide_of[slots]
+        units[rows >= 0] += self.arrays.wide[rows[rows >= 0]]
+        return units
+
+    def chunks(self) -> Iterator[tuple[IntArray, IntArray]]:
+        """All tiles, some thousand at a time: coordinates (n, ndim) and units (n, 2, cells)."""
+        for start in range(0, self.count, _CHUNK_TILES):
+            part = slice(start, min(start + _CHUNK_TILES, self.count))
+            yield self.arrays.coords[part], self.units(part)
+
+    def add(self, coords: IntArray, units: IntArray) -> None:
+        """Add weights to tiles, making those that are new.
+
+        Args:
+            coords: tile coordinates, shape (n, ndim), each at most once.
+            units: non-negative weights in 1/65536 vote, shape (n, 2, cells of a tile).
+
+        Raises:
+            MapTooLargeError: a cell's weight would pass 2^62 units; nothing has been added.
+        """
+        self.reserve(len(coords), len(coords))
+        if units.size and int(units.max()) + self._most() > MAX_UNITS:
+            raise MapTooLargeError(
+                "a cell's weight would pass 2^46 votes (2^62 units): "
+                "the same evidence has been added many times over"
+            )
+        add_tiles(self.arrays, np.ascontiguousarray(coords), np.ascontiguousarray(units))
+
+    def _most(self) -> int:
+        # An upper bound is enough here, and cheap: the narrow level holds at most 255 votes.
+        wide = self.arrays.wide[: int(self.arrays.counts[WIDE_COUNT])]
+        return (int(wide.max()) if wide.size else 0) + (255 << FRACTION_BITS)
+
+    def copy(self) -> TileStore:
+        """A store of its own with the same weights."""
+        twin = TileStore(self.ndim, self.side)
+        for coords, units in self.chunks():
+            twin.add(coords, units)
+        return twin

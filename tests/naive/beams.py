@@ -1,0 +1,56 @@
+"""Sorting readings, one NumPy step a rule: the readable version of kernels/beams.py."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.scan import Scan
+from oddsmap.sensors.beam import BeamSensor
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def reach(
+    sensor: BeamSensor, ranges: FloatArray
+) -> tuple[FloatArray, npt.NDArray[np.bool_], Counter[str]]:
+    """How far each beam says something [m], NaN where it does not; whether it hit; the skipped."""
+    unseen = ranges == np.inf
+    over = (ranges >= (sensor.range_max or math.inf)) & ~unseen
+    below = ranges < sensor.range_min
+    far = ranges.copy()
+    far[below] = np.nan
+    clear_unseen = sensor.range_max if sensor.clear_range is None else sensor.clear_range
+    far[unseen] = np.nan if clear_unseen is None else clear_unseen
+    far[over] = np.nan if sensor.clear_range is None else sensor.clear_range
+    skipped = Counter(
+        {
+            "beam.nan": int(np.isnan(ranges).sum()),
+            "beam.below_range_min": int(below.sum()),
+            "beam.no_return": int(((unseen | over) & np.isnan(far)).sum()),
+        }
+    )
+    return far, ~(unseen | over), +skipped
+
+
+def segments(sensor: BeamSensor, scans: Sequence[Scan]) -> list[tuple[FloatArray, FloatArray, bool]]:
+    """(end of the free part, end of the occupied part, hit?) of each usable beam, metres."""
+    found = []
+    for scan in scans:
+        if not scan.map_from_sensor.is_finite:
+            continue
+        far, hit, _ = reach(sensor, scan.ranges)
+        for i in np.flatnonzero(~np.isnan(far)):
+            half = sensor.hit_width / 2 if hit[i] else 0.0
+            rotation, origin = scan.map_from_sensor.rotation, scan.map_from_sensor.translation
+            ray = np.zeros(len(origin))
+            for column in range(len(origin)):
+                ray += rotation[:, column] * scan.directions[i, column]
+            end = origin + ray * max(far[i] - half, 0.0)
+            tip = origin + ray * (far[i] + half) if sensor.hit_width > 0 else end
+            found.append((end, tip, bool(hit[i])))
+    return found

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oddsmap.errors import InputError
+from oddsmap.readers import open_log
+from oddsmap.readers.registry import READERS
+from oddsmap.scan import Log
+
+CARMEN_LINE = b"FLASER 2 1.0 2.0 3 4 0.5 3 4 0.5 10.5 host 11\n"
+
+
+def npz_bytes() -> bytes:
+    file = io.BytesIO()
+    np.savez(file, beams=np.array([[1.0, 2.0, 0.0, 3.0]]), range_max=4.0)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("compress", [bytes, gzip.compress, bz2.compress])
+@pytest.mark.parametrize(
+    ("content", "name"), [(CARMEN_LINE, "CARMEN"), (npz_bytes(), "NPZ beam log")]
+)
+def test_the_content_decides_and_the_suffix_does_not(
+    tmp_path: Path, compress: Callable[[bytes], bytes], content: bytes, name: str
+) -> None:
+    for suffix in ("", ".npz", ".log", ".gz"):
+        path = tmp_path / f"file{suffix}"
+        path.write_bytes(compress(content))
+        log: Log = open_log(path)
+        assert log.format == name
+        assert log.path == str(path)
+        assert len(log) == 1
+        # An iterator that is started again begins at the beginning.
+        assert [s.ranges.tolist() for s in log] == [s.ranges.tolist() for s in log]
+
+
+def test_each_format_matches_one_reader_only() -> None:
+    for content in (CARMEN_LINE, npz_bytes()):
+        assert sum(reader.matches(content) for reader in READERS) == 1
+
+
+def test_a_path_may_be_text(tmp_path: Path) -> None:
+    (tmp_path / "a.log").write_bytes(CARMEN_LINE)
+    assert open_log(str(tmp_path / "a.log")).path == str(tmp_path / "a.log")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"\x89PNG\r\n", b"hello\nFLASER", b"# a comment with FLASER 3\n", b"\n  \n", b"PK\x03\x04"],
+)
+def test_an_unknown_type_names_the_known_ones(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "thing.log"
+    path.write_bytes(content + b" ")
+    if b"\nFLASER" in content:  # the keyword alone on a line is CARMEN, and short
+        with pytest.raises(InputError, match="no usable scan"):
+            open_log(path)
+        return
+    with pytest.raises(InputError) as caught:
+        open_log(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: unknown file type (it starts with b")
+    assert "NPZ beam logs and CARMEN logs, plain or compressed with gzip or bzip2" in message
+    assert "\n" not in message
+
+
+def test_the_readable_part_of_a_cut_log_counts_the_cut(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    lines = [CARMEN_LINE.replace(b"1.0", b"%.17f" % x) for x in rng.uniform(1, 5, 2000)]
+    path = tmp_path / "hall.log.gz"
+    path.write_bytes(gzip.compress(b"".join(lines))[:10_000])
+    with pytest.raises(InputError, match="truncated gzip"):
+        open_log(path)
+    log = open_log(path, skip_bad=True)
+    assert 500 < len(log) < 2000
+    assert log.skipped["container.truncated"] == 1
+    # The line that was cut in two is counted too, unless the cut fell between two lines.
+    assert log.skipped["line.short"] <= 1
+    assert log.notes[0] == "truncated gzip file: only the readable part was used"
