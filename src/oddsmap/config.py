@@ -177,7 +177,9 @@ def _check_field(section: str, name: str, value: object, where: str) -> None:
     }[kind]
     if not fits:
         wanted = {"float": "a number", "float | None": "a number", "bool": "true or false"}
-        raise ConfigError(f"{where}: {section}.{name} is {wanted.get(kind, 'a word')}, got {value!r}")
+        raise ConfigError(
+            f"{where}: {section}.{name} is {wanted.get(kind, 'a word')}, got {value!r}"
+        )
 
 
 def _known(name: str, names: Mapping[str, object], where: str, what: str) -> None:

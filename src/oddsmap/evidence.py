@@ -8,7 +8,8 @@ merge by addition; every posterior is a view of them, made when it is asked for.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,21 +104,12 @@ class EvidenceMap:
         """An empty store of the same shape, to be filled beside this one and added to it."""
         return TileStore(self.ndim, self.tiles.side)
 
-    def record(
-        self, path: str | os.PathLike[str] | None, scans: int, beams: int, skipped: Mapping[str, int]
-    ) -> None:
-        """Note in `provenance` what evidence came from."""
+    def record(self, path: str | os.PathLike[str] | None, **facts: object) -> None:
+        """Note in `provenance` what evidence came from; facts are plain values for JSON."""
         from oddsmap import __version__
 
-        self.provenance.append(
-            {
-                "source": None if path is None else os.path.basename(path),  # noqa: PTH119
-                "scans": scans,
-                "beams": beams,
-                "skipped": dict(skipped),
-                "oddsmap": __version__,
-            }
-        )
+        source = None if path is None else Path(path).name
+        self.provenance.append({"source": source, **facts, "oddsmap": __version__})
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of cells with evidence: first index and past the last, shape (d,), x first.
@@ -175,23 +167,29 @@ class EvidenceMap:
 
     def region_units(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> tuple[IntArray, IntArray]:
         """As `region`, in units of 1/65536 vote."""
-        first, last = np.asarray(lo, np.int64), np.asarray(hi, np.int64)
-        if first.shape != (self.ndim,) or last.shape != first.shape or (last < first).any():
-            raise InputError(f"a region needs lo <= hi of {self.ndim} indices, got {lo} and {hi}")
+        first, last = self._box(lo, hi)
         side, d = self.tiles.side, self.ndim
         tile_lo, tile_hi = first // side, -(-last // side)
         span = (tile_hi - tile_lo)[::-1]
         # Seen as tiles of cells, (2, ty, side, tx, side), whole tiles are put in place at once.
         full = np.zeros((2, *(n for count in span for n in (int(count), side))), np.int64)
-        for coords, units in self.tiles.chunks():
-            inside = ((coords >= tile_lo) & (coords < tile_hi)).all(axis=1)
-            at = (coords[inside] - tile_lo)[:, ::-1]
-            where = [part for axis in range(d) for part in (at[:, axis], slice(None))]
-            full[(slice(None), *where)] = units[inside].reshape(-1, 2, *(side,) * d)
+        coords = self.tiles.coords
+        slots = np.flatnonzero(((coords >= tile_lo) & (coords < tile_hi)).all(axis=1))
+        at = (coords[slots] - tile_lo)[:, ::-1]
+        where = [part for axis in range(d) for part in (at[:, axis], slice(None))]
+        full[(slice(None), *where)] = self.tiles.units(slots).reshape(-1, 2, *(side,) * d)
         flat = full.reshape(2, *(span * side))
         begin, end = (first - tile_lo * side)[::-1], (last - tile_lo * side)[::-1]
         cut = tuple(slice(a, b) for a, b in zip(begin, end, strict=True))
         return flat[0][cut].copy(), flat[1][cut].copy()
+
+    def _box(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> tuple[IntArray, IntArray]:
+        first, last = np.asarray(lo, np.int64), np.asarray(hi, np.int64)
+        if first.shape != (self.ndim,) or last.shape != first.shape or (last < first).any():
+            raise InputError(
+                f"a region needs lo <= hi of {self.ndim} indices, got {lo!r} and {hi!r}"
+            )
+        return first, last
 
     def add_cells(self, index: IntArray, hits: IntArray, passes: IntArray) -> None:
         """Add weights to single cells.
@@ -206,7 +204,8 @@ class EvidenceMap:
             MapTooLargeError: a cell would pass 2^46 votes.
         """
         index = np.asarray(index, np.int64)
-        if index.ndim != 2 or index.shape[1] != self.ndim or len(index) != len(hits) != len(passes):
+        shaped = index.ndim == 2 and index.shape[1] == self.ndim
+        if not (shaped and np.shape(hits) == np.shape(passes) == (len(index),)):
             raise InputError(f"cells need index (n, {self.ndim}), hits (n,) and passes (n,)")
         if len(index) == 0:
             return
@@ -233,16 +232,18 @@ class EvidenceMap:
                     f"maps of different {name} cannot be added: {mine} here, {theirs} there"
                 )
         if self.tiles.side == other.tiles.side:
-            for coords, units in list(other.tiles.chunks()) if other is self else other.tiles.chunks():
+            # A list first: a map added to itself must not change while it is read.
+            for coords, units in list(other.tiles.chunks()):
                 self.tiles.add(coords, units)
         else:
             self.add_cells(*other.cells())
         self.provenance.extend(other.provenance)
 
     def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> EvidenceMap:
-        """A new map with the cells of a box alone; arguments as in `region`."""
+        """A new map with the cells of a box alone; arguments and errors as in `region`."""
+        first, last = self._box(lo, hi)
         index, hits, passes = self.cells()
-        inside = ((index >= np.asarray(lo)) & (index < np.asarray(hi))).all(axis=1)
+        inside = ((index >= first) & (index < last)).all(axis=1)
         part = self.like()
         part.add_cells(index[inside], hits[inside], passes[inside])
         part.provenance = list(self.provenance)

@@ -11,13 +11,13 @@ integer addition commutes, so threads and order change no bit.
 
 from __future__ import annotations
 
+import dataclasses
 import queue
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from itertools import chain, islice
 from typing import TYPE_CHECKING
 
 from oddsmap.errors import ConfigError, InputError
@@ -28,11 +28,14 @@ from oddsmap.sensors.beam import BeamSensor
 if TYPE_CHECKING:
     from oddsmap.integrate2d import Integrator2D
 
-__all__ = ["Report", "build_map", "integrate"]
+__all__ = ["Report", "add_log", "build_map", "integrate"]
 
 # Beams in one batch: enough that Python's share of the time is small, few enough that progress
 # shows and Ctrl-C is answered at once.
 _BATCH_BEAMS = 1 << 14
+
+SENSOR_SAYS = ("range_min", "range_max")
+"""What a log may say of its sensor that is a field of the sensor model."""
 
 
 @dataclass(slots=True)
@@ -80,38 +83,67 @@ def build_map(
         ConfigError: a parameter outside its range.
         MapTooLargeError: the map, or one scan of it, would not fit in memory.
     """
-    said = getattr(log, "sensor", {})
     if sensor is None:
-        known = ("range_min", "range_max")
-        sensor = BeamSensor(**{name: said[name] for name in known if name in said})
+        said = getattr(log, "sensor", {})
+        sensor = BeamSensor(**{name: said[name] for name in SENSOR_SAYS if name in said})
     evidence = EvidenceMap(resolution, votes=votes, sensor=sensor)
-    report = integrate(evidence, log, threads=threads, progress=progress)
-    report.skipped = Counter(getattr(log, "skipped", Counter())) + report.skipped
-    if report.scans == 0:
-        name = getattr(log, "path", "the scans")
-        reasons = ", ".join(f"{n} x {why}" for why, n in report.skipped.most_common())
-        raise InputError(f"{name}: no usable scan ({reasons or 'none at all'}); nothing to map")
-    evidence.record(getattr(log, "path", None), report.scans, report.beams, report.skipped)
-    evidence.report = report
+    evidence.report = add_log(evidence, log, threads=threads, progress=progress)
     return evidence
+
+
+def add_log(
+    evidence: EvidenceMap,
+    log: Log | Iterable[Scan],
+    *,
+    sensor: BeamSensor | None = None,
+    threads: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> Report:
+    """Add a whole log to a map and note it in the map's provenance.
+
+    Arguments and errors as in `build_map`; `sensor` is by default the map's.
+    """
+    report = integrate(evidence, log, sensor=sensor, threads=threads, progress=progress)
+    report.skipped = Counter(getattr(log, "skipped", Counter())) + report.skipped
+    path = getattr(log, "path", None)
+    if report.scans == 0:
+        reasons = ", ".join(f"{n} x {why}" for why, n in report.skipped.most_common())
+        raise InputError(
+            f"{path or 'the scans'}: no usable scan ({reasons or 'there are none'}); nothing to map"
+        )
+    used = sensor or evidence.sensor
+    evidence.record(
+        path,
+        scans=report.scans,
+        beams=report.beams,
+        skipped=dict(report.skipped),
+        sensor=dataclasses.asdict(used),
+    )
+    return report
 
 
 def integrate(
     evidence: EvidenceMap,
     scans: Iterable[Scan],
     *,
+    sensor: BeamSensor | None = None,
     threads: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> Report:
-    """Add scans to a map; the order changes no bit. Arguments and errors as in `build_map`."""
+    """Add scans to a map; their order changes no bit.
+
+    Arguments and errors as in `build_map`, except that no usable scan is no error here;
+    `sensor` is by default the map's.
+    """
     from oddsmap.integrate2d import Integrator2D, compile_kernels
 
     if threads < 1:
         raise ConfigError(f"threads: at least 1 is needed, got {threads}")
-    report = Report(compile_s=compile_kernels(evidence))
+    sensor = sensor or evidence.sensor
+    report = Report(compile_s=compile_kernels(evidence.votes, sensor))
     started = time.perf_counter()
-    workers = [Integrator2D(evidence, evidence.tiles)]
-    workers += [Integrator2D(evidence, evidence.new_tiles()) for _ in range(threads - 1)]
+    workers = [Integrator2D(evidence, sensor, evidence.tiles)]
+    workers += [Integrator2D(evidence, sensor, evidence.new_tiles()) for _ in range(threads - 1)]
     for scan_count, beam_count, skipped in _run(workers, _batches(scans)):
         report.add(scan_count, beam_count, skipped)
         if progress is not None:
@@ -155,10 +187,10 @@ def _run(
 
     with ThreadPoolExecutor(len(workers)) as pool:
         pending: set[Future[tuple[int, int, Counter[str]]]] = set()
-        for batch in chain(batches):
+        for batch in batches:
             pending.add(pool.submit(work, batch))
             if len(pending) > 2 * len(workers):
                 done, pending = wait(pending, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in islice(done, None))
+                yield from (future.result() for future in done)
         for future in pending:
             yield future.result()

@@ -21,6 +21,7 @@ from oddsmap.evidence import EvidenceMap
 from oddsmap.kernels.beams import cell_bounds
 from oddsmap.kernels.integrate2d import DONE, FULL, ScanArrays, count_votes, mark_votes
 from oddsmap.kernels.segments import COLUMNS, MAX_BORDERS
+from oddsmap.poses import Pose2
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor, Segments
 from oddsmap.tiles import TileStore, memory_limit
@@ -41,17 +42,19 @@ class Integrator2D:
     """Adds scans to tiles, with memory of its own to work in: one a thread.
 
     Args:
-        evidence: the map whose resolution, sensor and kind of votes apply.
+        evidence: the map whose resolution and kind of votes apply.
+        sensor: the sensor model of the scans to come.
         tiles: where the votes go.
     """
 
-    def __init__(self, evidence: EvidenceMap, tiles: TileStore) -> None:
+    def __init__(self, evidence: EvidenceMap, sensor: BeamSensor, tiles: TileStore) -> None:
         self.tiles = tiles
         self._resolution = evidence.resolution
-        self._sensor = evidence.sensor
+        self._sensor = sensor
         self._every_beam = evidence.votes == "beam"
         self._marks = not self._every_beam and self._sensor.hit_width == 0
-        self._window: npt.NDArray[np.uint8] | npt.NDArray[np.int64] = np.zeros(0, np.uint8)
+        self._mark_window = np.zeros(0, np.uint8)
+        self._count_window = np.zeros((2, 0), np.int64)
         self._table = np.zeros((0, COLUMNS), np.int64)
         self._buffer = np.zeros((2, 0), np.int32)
 
@@ -70,12 +73,14 @@ class Integrator2D:
     def _in_cells(self, segments: Segments) -> tuple[ScanArrays, int]:
         segments, too_far = _without_far(segments, _MAX_COORDINATE * self._resolution)
         origins, offsets = segments.origins / self._resolution, segments.offsets
-        lo, hi = origins.copy(), origins.copy()
-        cell_bounds(segments.ends, offsets, self._resolution, lo, hi)
+        lo, hi, way = origins.copy(), origins.copy(), np.zeros(len(origins))
+        cell_bounds(segments.ends, offsets, self._resolution, lo, hi, way)
         if segments.tips is not segments.ends:
-            cell_bounds(segments.tips, offsets, self._resolution, lo, hi)
+            cell_bounds(segments.tips, offsets, self._resolution, lo, hi, np.zeros_like(way))
+        if np.isnan(way).any():
+            raise InputError("a scan's directions are not numbers: each must be a unit vector")
         if len(origins):
-            self._check_size(origins, offsets, segments.ends, lo, hi)
+            self._check_size(np.diff(offsets), way, lo, hi)
         side = self.tiles.side
         tiles_lo = np.floor(lo).astype(np.int64) // side
         tiles_hi = np.floor(hi).astype(np.int64) // side + 1
@@ -86,17 +91,15 @@ class Integrator2D:
 
     def _check_size(
         self,
-        origins: npt.NDArray[np.float64],
-        offsets: npt.NDArray[np.int64],
-        ends: npt.NDArray[np.float64],
+        beams: npt.NDArray[np.int64],
+        way: npt.NDArray[np.float64],
         lo: npt.NDArray[np.float64],
         hi: npt.NDArray[np.float64],
     ) -> None:
         """Refuse a scan that memory could not hold, before any of it is done."""
         side = self.tiles.side
         window = (hi - lo + 2 * side).prod(axis=1)
-        ways = np.abs(ends - np.repeat(origins, np.diff(offsets), axis=0)).sum(axis=1)
-        touched = np.minimum(np.add.reduceat(ways / side + 2, offsets[:-1]), window / side**2)
+        touched = np.minimum(way / side + 2 * beams, window / side**2)
         worst = int(np.argmax(touched))
         takes = touched[worst] * 2.0 * side**2
         longest = float((hi - lo).max())
@@ -119,12 +122,12 @@ class Integrator2D:
             if self._marks:
                 first, status = mark_votes(
                     self.tiles.arrays, side, scans, first,
-                    self._window, block, self._table, self._buffer,
+                    self._mark_window, block, self._table, self._buffer,
                 )  # fmt: skip
             else:
                 first, status = count_votes(
                     self.tiles.arrays, side, scans, first,
-                    self._window, block, self._table, self._buffer,
+                    self._count_window, block, self._table, self._buffer,
                     self._every_beam, self._sensor.share_hit,
                 )  # fmt: skip
             if status == FULL:
@@ -139,10 +142,10 @@ class Integrator2D:
         widest = (scans.tiles_hi - scans.tiles_lo).max(axis=0)
         across, up = np.minimum(widest, block) * self.tiles.side + 2
         cells = int(across * up)
-        if self._window.shape[-1] < cells:
-            self._window = (
-                np.zeros(cells, np.uint8) if self._marks else np.zeros((2, cells), np.int64)
-            )
+        if self._marks and len(self._mark_window) < cells:
+            self._mark_window = np.zeros(cells, np.uint8)
+        if not self._marks and self._count_window.shape[1] < cells:
+            self._count_window = np.zeros((2, cells), np.int64)
         beams = int(np.diff(scans.offsets).max())
         if len(self._table) < beams:
             self._table = np.zeros((beams, COLUMNS), np.int64)
@@ -169,20 +172,17 @@ def _without_far(segments: Segments, limit: float) -> tuple[Segments, int]:
     return kept, int(np.count_nonzero(~near))
 
 
-def compile_kernels(evidence: EvidenceMap) -> float:
+def compile_kernels(votes: str, sensor: BeamSensor) -> float:
     """Compile what a map needs, or load it from the cache; returns the seconds that took."""
-    simple = evidence.votes == "scan" and evidence.sensor.hit_width == 0
-    return _compile_once(simple)
+    started = time.perf_counter()
+    _compile_once(votes == "scan" and sensor.hit_width == 0)
+    return time.perf_counter() - started
 
 
 @cache
-def _compile_once(simple: bool) -> float:
-    started = time.perf_counter()
-    sensor = BeamSensor(hit_width=0.0 if simple else 1.0)
-    toy = EvidenceMap(1.0, votes="scan", sensor=sensor)
-    from oddsmap.poses import Pose2
-
+def _compile_once(marks: bool) -> None:
+    sensor = BeamSensor(hit_width=0.0 if marks else 1.0)
+    toy = EvidenceMap(1.0, sensor=sensor)
     scan = Scan(Pose2(0.5, 0.5, 0.0), np.array([[1.0, 0.0]]), np.array([3.0]))
-    Integrator2D(toy, toy.tiles).add([scan])
+    Integrator2D(toy, sensor, toy.tiles).add([scan])
     toy.tiles.add(*next(toy.tiles.chunks()))
-    return time.perf_counter() - started

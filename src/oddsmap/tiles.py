@@ -84,7 +84,9 @@ class TileStore:
 
     def _bytes(self, tiles: int, wide: int) -> int:
         per_tile = 2 * self.side**self.ndim
-        return self.arrays.table.nbytes + tiles * (8 * self.ndim + 5 + per_tile) + 8 * wide * per_tile
+        return (
+            int(self.arrays.table.nbytes) + tiles * (8 * self.ndim + 5 + per_tile) + 8 * wide * per_tile
+        )
 
     def reserve(self, tiles: int, wide: int) -> None:
         """Make room for that many more tiles and wide rows.

@@ -97,13 +97,29 @@ def cell_bounds(
     resolution: float,
     lo: FloatArray,
     hi: FloatArray,
+    way: FloatArray,
 ) -> None:
-    """Turn points [m] into cells, in place, and widen the box (scans, d) of each scan by them."""
-    for scan in range(offsets.shape[0] - 1):
-        for i in range(offsets[scan], offsets[scan + 1]):
-            for axis in range(points.shape[1]):
-                # By division: 0.15 / 0.05 is 3 - 1 ulp and lies in cell 2, 0.15 * 20 is 3.
+    """Turn points [m] into cells, in place, and measure each scan.
+
+    Args:
+        points: shape (m, d), changed from metres to cells.
+        offsets: first point of each scan and the end, shape (scans + 1,).
+        resolution: side of a cell [m].
+        lo: the box of each scan, shape (scans, d), widened by its points [cells].
+        hi: likewise.
+        way: sum over a scan's points of their distance along the axes from the first `lo`
+            (the sensor) [cells], shape (scans,): bounds how many cells are passed.
+    """
+    d = points.shape[1]
+    for axis in range(d):
+        for scan in range(offsets.shape[0] - 1):
+            sensor = lo[scan, axis]
+            least, most, total = sensor, hi[scan, axis], 0.0
+            for i in range(offsets[scan], offsets[scan + 1]):
+                # By division: 0.15 / 0.05 is below 3 and lies in cell 2, 0.15 * 20 is 3.
                 value = points[i, axis] / resolution
                 points[i, axis] = value
-                lo[scan, axis] = min(lo[scan, axis], value)
-                hi[scan, axis] = max(hi[scan, axis], value)
+                least, most = min(least, value), max(most, value)
+                total += abs(value - sensor)
+            lo[scan, axis], hi[scan, axis] = least, most
+            way[scan] += total

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import kernel
-from oddsmap.kernels.segments import BORDERS, emit_passes, saturated_slabs, set_up
+from oddsmap.kernels.segments import emit_passes, saturated_slabs, set_up
 from oddsmap.kernels.tiles import (
     HITS,
     ONE,
@@ -323,13 +323,12 @@ def _count_hits(
         sensor = np.int64(math.floor(scans.origins[scan, axis]))
         start, stop = scans.ends[i, axis], scans.tips[i, axis]
         cell[axis] = np.int64(math.floor(start)) - sensor
-        last[axis] = np.int64(math.floor(stop)) - sensor
+        # A tip on a border belongs to the cell before it: the next one is only touched.
+        last[axis] = np.int64(math.ceil(stop) - 1.0 if stop > start else math.floor(stop)) - sensor
         step[axis] = 1 if stop > start else -1
         way = abs(stop - start)
         per_cell[axis] = 1.0 / way if way > 0 else np.inf
-        to_border = (
-            math.floor(start) + 1.0 - start if stop > start else start - math.floor(start)
-        )
+        to_border = math.floor(start) + 1.0 - start if stop > start else start - math.floor(start)
         until[axis] = to_border * per_cell[axis] if way > 0 else np.inf
     entered, given = 0.0, np.int64(0)
     while True:

@@ -28,8 +28,8 @@ FloatArray = npt.NDArray[np.float64]
 
 def logit(p: npt.ArrayLike) -> FloatArray:
     """Log odds of a probability: log p / (1 - p)."""
-    p = np.asarray(p, dtype=np.float64)
-    return np.log(p) - np.log1p(-p)
+    chance = np.asarray(p, dtype=np.float64)
+    return np.asarray(np.log(chance) - np.log1p(-chance))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

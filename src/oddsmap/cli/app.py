@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The commands together, and how failures end: one line on stderr, exit status 1."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from oddsmap.cli.build import HELP as BUILD_HELP
+from oddsmap.cli.build import build
+from oddsmap.cli.demo import demo
+from oddsmap.cli.export import HELP as EXPORT_HELP
+from oddsmap.cli.export import export
+from oddsmap.cli.info import HELP as INFO_HELP
+from oddsmap.cli.info import info
+from oddsmap.errors import OddsmapError
+
+__all__ = ["app", "run"]
+
+_HELP = """Range-sensor readings from known poses in, a probabilistic map of the world out.
+
+\b
+  oddsmap demo                                                  see it work, no data needed
+  oddsmap info intel.log.gz                                     what is in a log, or in a map
+  oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr    log to map
+  oddsmap export intel.zarr intel.yaml                          map to ROS; also .png and .npz
+"""
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command(help=BUILD_HELP)(build)
+app.command(help=EXPORT_HELP)(export)
+app.command(help=INFO_HELP)(info)
+app.command()(demo)
+
+
+def _show_version(show: bool) -> None:
+    if show:
+        from oddsmap import __version__
+
+        typer.echo(f"oddsmap {__version__}")
+        raise typer.Exit
+
+
+@app.callback(help=_HELP)
+def _options(
+    version: bool = typer.Option(
+        False, "--version", callback=_show_version, is_eager=True, help="Show the version."
+    ),
+) -> None:
+    pass
+
+
+def run() -> None:
+    """Run a command; known failures end with one line on stderr and exit status 1."""
+    try:
+        app(standalone_mode=True)
+    except OddsmapError as error:
+        _fail(str(error))
+    except KeyboardInterrupt:
+        _fail("interrupted: nothing new was written, what was there is as it was")
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(1)
+    except MemoryError:
+        _fail("out of memory: use a coarser resolution, or fewer threads")
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        _fail(f"{where}{error.strerror or error}")
+
+
+def _fail(message: str) -> None:
+    print(f"oddsmap: {message}", file=sys.stderr)  # noqa: T201
+    sys.exit(1)

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`oddsmap build`: logs to a map."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from oddsmap.config import Config
+    from oddsmap.evidence import EvidenceMap
+    from oddsmap.scan import Log
+
+__all__ = ["HELP", "build"]
+
+HELP = """Map one or more logs.
+
+\b
+  oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
+  oddsmap build run.log --resolution 0.1 --range-max 30 --clear-range 10 -o run.zarr
+  oddsmap build run.log --config lidar.toml --set sensor.hit_width=0.1 -o run.zarr --json
+"""
+
+
+def build(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="CARMEN log or NPZ beams.")],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="MAP.zarr")],
+    resolution: Annotated[
+        float | None, typer.Option(metavar="M", help="Side of a cell in metres.")
+    ] = None,
+    votes: Annotated[
+        str | None, typer.Option(help='"scan": one vote a cell and scan; "beam": every beam.')
+    ] = None,
+    clear_range: Annotated[
+        float | None, typer.Option(metavar="M", help="How far a beam without return clears.")
+    ] = None,
+    range_max: Annotated[
+        float | None, typer.Option(metavar="M", help="Readings from here on are no returns.")
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", help="Default: all cores. Changes no bit.")
+    ] = None,
+    sensor: Annotated[str, typer.Option(metavar="NAME", help="Kind of sensor.")] = "lidar2d",
+    estimator: Annotated[str, typer.Option(help='Only "filter" so far.')] = "filter",
+    poses: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Poses, for scans that come without.")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="Sections map, sensor, posterior.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Any field; may be repeated."),
+    ] = None,
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing map.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the summary as one JSON object.")
+    ] = False,
+) -> None:
+    """Map one or more logs: see `HELP`."""
+    from oddsmap.atomic import check_output
+    from oddsmap.errors import ConfigError
+    from oddsmap.evidence import EvidenceMap
+    from oddsmap.integrate import Report, add_log
+    from oddsmap.readers import open_log
+
+    _only("sensor", sensor, "lidar2d")
+    _only("estimator", estimator, "filter")
+    check_output(output, force=force)
+    flags = {"map": {"resolution": resolution, "votes": votes}}
+    flags["sensor"] = {"range_max": range_max, "clear_range": clear_range}
+    layers = _layers(config, flags, settings or [])
+    _resolved(layers, {})  # a mistake in the settings shows before a long log is read
+
+    started = time.perf_counter()
+    opened = [open_log(path, skip_bad=skip_bad) for path in logs]
+    if poses is not None:
+        raise ConfigError(
+            f"{poses}: not needed, the scans of {logs[0]} have poses ({opened[0].format}); "
+            "leave --poses out"
+        )
+    read_s = time.perf_counter() - started
+
+    configs = [_resolved(layers, log.sensor) for log in opened]
+    first = configs[0]
+    evidence = EvidenceMap(
+        first.map.resolution,
+        votes=first.map.votes,
+        sensor=first.sensor,
+        posterior=first.posterior,
+    )
+    total = Report()
+    workers = threads if threads is not None else len(os.sched_getaffinity(0))
+    with _progress(sum(len(log) for log in opened), quiet=as_json) as advance:
+        for log, settled in zip(opened, configs, strict=True):
+            report = add_log(
+                evidence, log, sensor=settled.sensor, threads=workers, progress=advance(log)
+            )
+            total.add(report.scans, report.beams, report.skipped)
+            total.integrate_s += report.integrate_s
+            total.compile_s += report.compile_s
+    evidence.save(output, force=force)
+    facts = _facts(evidence, total.skipped, output)
+    facts |= {"scans": total.scans, "beams": total.beams, "read_s": round(read_s, 6)}
+    facts |= {"integrate_s": round(total.integrate_s, 6), "compile_s": round(total.compile_s, 6)}
+    facts |= {"threads": workers}
+    if as_json:
+        typer.echo(json.dumps(facts))
+    else:
+        _say(facts, opened)
+
+
+def _only(option: str, value: str, known: str) -> None:
+    from oddsmap.errors import ConfigError
+
+    if value != known:
+        raise ConfigError(f'--{option} {value}: not available, this version has "{known}"')
+
+
+Layers = list[tuple[str, dict[str, dict[str, Any]]]]
+
+
+def _layers(config: Path | None, flags: dict[str, dict[str, Any]], settings: list[str]) -> Layers:
+    # The strongest last: the file, the options by name, --set.
+    from oddsmap.config import parse_setting, read_toml
+
+    layers: Layers = []
+    if config is not None:
+        layers.append((str(config), read_toml(config)))
+    for section, fields in flags.items():
+        given = {name: value for name, value in fields.items() if value is not None}
+        layers.append(("options", {section: given}))
+    for text in settings:
+        section, name, value = parse_setting(text)
+        layers.append((f"--set {text}", {section: {name: value}}))
+    return layers
+
+
+def _resolved(layers: Layers, said: Any) -> Config:
+    from oddsmap.config import resolve
+    from oddsmap.integrate import SENSOR_SAYS
+
+    known = {name: said[name] for name in SENSOR_SAYS if name in said}
+    return resolve(("log", {"sensor": known}), *layers)
+
+
+@contextmanager
+def _progress(total: int, *, quiet: bool) -> Iterator[Callable[[Log], Callable[[int], None]]]:
+    """A bar on stderr; gives a function that makes the callback for one log."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    shown = not quiet and console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
+        # The first run compiles for some seconds before the first scan is done.
+        task = bar.add_task("getting ready (compiles once a machine)", total=total)
+        done_before = 0
+
+        def advance(log: Log) -> Callable[[int], None]:
+            nonlocal done_before
+            before, done_before = done_before, done_before + len(log)
+            return lambda done: bar.update(task, description="mapping", completed=before + done)
+
+        yield advance
+
+
+def _facts(evidence: EvidenceMap, skipped: Counter[str], output: Path) -> dict[str, Any]:
+    from oddsmap.kernels.tiles import ONE
+
+    _, hits, passes = evidence.cells()
+    known = len(hits)
+    return {
+        "output": str(output),
+        "resolution": evidence.resolution,
+        "votes": evidence.votes,
+        "hits": int(hits.sum()) / ONE,
+        "passes": int(passes.sum()) / ONE,
+        "cells_known": known,
+        "area_m2": round(known * evidence.resolution**2, 3),
+        "skipped": dict(skipped),
+        "bytes_in_memory": evidence.nbytes,
+        "bytes_on_disk": sum(file.stat().st_size for file in output.rglob("*") if file.is_file()),
+    }
+
+
+def _say(facts: dict[str, Any], logs: list[Log]) -> None:
+    say = typer.echo
+    for log in logs:
+        for note in log.notes:
+            say(f"{log.path}: {note}")
+    say(f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
+    for reason, count in sorted(facts["skipped"].items()):
+        say(f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
+    say(
+        f"seen     {facts['area_m2']:,.1f} square metres in {facts['cells_known']:,} cells of "
+        f"{facts['resolution']:g} m"
+    )
+    say(
+        f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "
+        f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
+    )
+    output = facts["output"]
+    say(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
+    stem = Path(output).with_suffix("")
+    say(f"next     oddsmap export {output} {stem}.png    (or {stem}.yaml for ROS)")
+
+
+_WHY = {
+    "beam.no_return": " (cleared nothing: a fault looks the same; --clear-range M lets them clear)",
+    "beam.nan": " (no information)",
+    "beam.below_range_min": " (no information)",
+}

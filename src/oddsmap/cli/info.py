@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`oddsmap info`: what is in a log or in a map."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from oddsmap.evidence import EvidenceMap
+    from oddsmap.scan import Log
+
+__all__ = ["HELP", "info"]
+
+HELP = """Say what is in a log or in a map.
+
+\b
+  oddsmap info intel.log.gz
+  oddsmap info intel.zarr --json
+"""
+
+
+def info(
+    path: Annotated[Path, typer.Argument(metavar="PATH", help="A log, or a saved map.")],
+    skip_bad: Annotated[
+        bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Say what is in a log or in a map: see `HELP`."""
+    from oddsmap.store import is_map
+
+    if is_map(path):
+        from oddsmap.store import load_map
+
+        facts = _of_map(load_map(path), path)
+    else:
+        from oddsmap.readers import open_log
+
+        facts = _of_log(open_log(path, skip_bad=skip_bad))
+    if as_json:
+        typer.echo(json.dumps(facts))
+        return
+    for name, value in facts.items():
+        for i, line in enumerate(_lines(value)):
+            typer.echo(f"{name if i == 0 else '':<12} {line}")
+
+
+def _lines(value: Any) -> list[str]:
+    if isinstance(value, dict):
+        return [f"{key} {_word(item)}" for key, item in value.items()] or ["none"]
+    if isinstance(value, list) and value and isinstance(value[0], str | dict):
+        return [line for item in value for line in (_lines(item) if item else [])]
+    return [_word(value)]
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_word(item)}" for key, item in value.items()) or "none"
+    if isinstance(value, list):
+        return " to ".join(_word(item) for item in value)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if value is None:
+        return "not set"
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
+
+
+def _of_log(log: Log) -> dict[str, Any]:
+    import numpy as np
+
+    positions = np.array([scan.map_from_sensor.translation for scan in log])
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    beams = [len(scan.ranges) for scan in log]
+    facts: dict[str, Any] = {
+        "log": log.path,
+        "format": log.format,
+        "scans": len(log),
+        "beams": int(sum(beams)),
+        "beams/scan": sorted({min(beams), max(beams)}) if beams else [],
+        "path [m]": float(np.nansum(steps)),
+        "sensor": dict(log.sensor),
+        "skipped": dict(log.skipped),
+        "notes": list(log.notes),
+    }
+    for axis, name in enumerate("xyz"[: positions.shape[1]] if positions.ndim == 2 else ""):
+        facts[f"{name} [m]"] = [
+            float(np.nanmin(positions[:, axis])),
+            float(np.nanmax(positions[:, axis])),
+        ]
+    return facts
+
+
+def _of_map(evidence: EvidenceMap, path: Path) -> dict[str, Any]:
+    from oddsmap.kernels.tiles import ONE
+
+    _, hits, passes = evidence.cells()
+    facts: dict[str, Any] = {
+        "map": str(path),
+        "resolution": evidence.resolution,
+        "votes": evidence.votes,
+        "cells known": len(hits),
+        "hits": int(hits.sum()) / ONE,
+        "passes": int(passes.sum()) / ONE,
+        "config": evidence.config.to_dict(),
+        "made from": evidence.provenance,
+    }
+    bounds = evidence.bounds()
+    for axis, name in enumerate("xyz"[: evidence.ndim] if bounds is not None else ""):
+        assert bounds is not None
+        facts[f"{name} [m]"] = [float(end[axis]) * evidence.resolution for end in bounds]
+    return facts

@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map on disk: a Zarr folder that any Zarr reader opens.
+
+    zarr.open("intel.zarr")["hits"][...]       # votes, rows = y, columns = x
+    zarr.open("intel.zarr").attrs["resolution"]
+
+`hits` and `passes` cover the box of known cells, rounded to whole shards. Shards lie on one grid
+for all maps of a resolution (multiples of the shard's side, counted from the map's origin), and
+empty ones are not written: a region can be read, or written by another process, on its own. The
+attribute `shards` lists those that were written, so that one that has gone missing is noticed.
+docs/format.md lists every attribute.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.atomic import atomic_output
+from oddsmap.config import Config
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.evidence import EvidenceMap
+from oddsmap.kernels.tiles import MAX_UNITS, ONE
+
+if TYPE_CHECKING:
+    import zarr
+
+__all__ = ["FORMAT_VERSION", "is_map", "load_map", "save_map"]
+
+FORMAT = "oddsmap evidence map"
+FORMAT_VERSION = 1
+
+IntArray = npt.NDArray[np.int64]
+
+# Side of a chunk (the unit of compression) and of a shard (one file) [cells].
+_CHUNK = {2: 128, 3: 32}
+_SHARD = {2: 1024, 3: 128}
+_AXES = ("z", "y", "x")
+_ARRAYS = ("hits", "passes")
+
+
+def is_map(path: str | os.PathLike[str]) -> bool:
+    """Whether a path looks like a saved map: a Zarr folder with hits and passes."""
+    folder = Path(path)
+    return (folder / "zarr.json").is_file() and (folder / "hits").is_dir()
+
+
+def save_map(evidence: EvidenceMap, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a map; the old one stays in place until the new one is complete.
+
+    Args:
+        evidence: the map.
+        path: folder to make, by custom with the suffix .zarr.
+        force: True where an existing one may be replaced.
+
+    Raises:
+        OutputError: it exists and `force` is False, or cannot be written.
+    """
+    import zarr
+
+    d = evidence.ndim
+    shard = _SHARD[d]
+    bounds = evidence.bounds()
+    lo, hi = bounds if bounds is not None else (np.zeros(d, np.int64), np.ones(d, np.int64))
+    first = lo // shard * shard
+    shape = (-(-hi // shard) * shard - first)[::-1]
+    most, whole = _largest(evidence)
+    unit = ONE if whole else 1
+    dtype = np.min_scalar_type(most // unit)
+    with atomic_output(Path(path), force=force) as part:
+        root = zarr.open_group(part, mode="w", zarr_format=3)
+        arrays = [
+            root.create_array(
+                name,
+                shape=tuple(int(n) for n in shape),
+                chunks=(_CHUNK[d],) * d,
+                shards=(shard,) * d,
+                dtype=dtype,
+                fill_value=0,
+                dimension_names=_AXES[-d:],
+                attributes={"description": text, "weight_unit": unit / ONE},
+            )
+            for name, text in (
+                ("hits", "weight of the readings that ended in the cell [weight_unit votes]"),
+                ("passes", "weight of the readings that went through it [weight_unit votes]"),
+            )
+        ]
+        for begin in _shards_of(evidence, shard, lo, hi):
+            weights = evidence.region_units(begin, begin + shard)
+            at = (begin - first)[::-1]
+            where = tuple(slice(int(a), int(a) + shard) for a in at)
+            for array, units in zip(arrays, weights, strict=True):
+                array[where] = (units // unit).astype(dtype)
+        written = {name: _shard_files(part, name, d) for name in _ARRAYS}
+        root.attrs.update({**_attributes(evidence, first, lo, hi), "shards": written})
+
+
+def _attributes(
+    evidence: EvidenceMap, first: IntArray, lo: IntArray, hi: IntArray
+) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "resolution": evidence.resolution,
+        "origin": [float(i) * evidence.resolution for i in first],
+        "origin_cell": [int(i) for i in first],
+        "known_cells_lo": [int(i) for i in lo],
+        "known_cells_hi": [int(i) for i in hi],
+        "votes": evidence.votes,
+        "config": evidence.config.to_dict(),
+        "provenance": evidence.provenance,
+    }
+
+
+def _largest(evidence: EvidenceMap) -> tuple[int, bool]:
+    most, fraction = 0, 0
+    for _, units in evidence.tiles.chunks():
+        most = max(most, int(units.max(initial=0)))
+        fraction |= int(np.bitwise_or.reduce(units & (ONE - 1), axis=None))
+    return most, fraction == 0
+
+
+def _shards_of(evidence: EvidenceMap, shard: int, lo: IntArray, hi: IntArray) -> IntArray:
+    # Every shard that a tile reaches into (a tile's side need not divide a shard's) and that has
+    # known cells.
+    side, d = evidence.tiles.side, evidence.ndim
+    reach = np.array(list(product((*range(0, side, shard), side - 1), repeat=d)))
+    found = [
+        np.unique((coords[:, None] * side + reach).reshape(-1, d) // shard, axis=0)
+        for coords, _ in evidence.tiles.chunks()
+    ]
+    begin = np.unique(np.concatenate([np.empty((0, d), np.int64), *found]), axis=0) * shard
+    return begin[((begin + shard > lo) & (begin < hi)).all(axis=1)]
+
+
+def load_map(
+    path: str | os.PathLike[str],
+    *,
+    lo: npt.ArrayLike | None = None,
+    hi: npt.ArrayLike | None = None,
+) -> EvidenceMap:
+    """Read a map, or the cells of a box of it.
+
+    Args:
+        path: a folder that `save_map` wrote.
+        lo: first cell to read, shape (d,), x first; None: all.
+        hi: past the last cell to read, shape (d,); None: all.
+
+    Raises:
+        InputError: not a map, damaged, or of a newer format.
+    """
+    import zarr
+
+    if not is_map(path):
+        raise InputError(f"{path}: not a saved map (a Zarr folder with hits and passes)")
+    try:
+        root = zarr.open_group(Path(path), mode="r")
+        attributes = dict(root.attrs)
+        evidence, first = _empty_map(path, attributes)
+        d = evidence.ndim
+        box_lo = np.asarray(lo, np.int64) if lo is not None else None
+        box_hi = np.asarray(hi, np.int64) if hi is not None else None
+        for begin in _stored_shards(root, Path(path), first, d):
+            end = begin + _shard_side(root)
+            if box_lo is not None and (end <= box_lo).any():
+                continue
+            if box_hi is not None and (begin >= box_hi).any():
+                continue
+            _add_shard(evidence, root, begin, end, first)
+    except (
+        OSError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, RuntimeError,
+    ) as error:  # fmt: skip
+        if isinstance(error, InputError | ConfigError):
+            raise
+        raise InputError(f"{path}: damaged, cannot be read as a map: {error}") from None
+    if box_lo is not None or box_hi is not None:
+        low, high = evidence.bounds() or (np.zeros(d, np.int64), np.zeros(d, np.int64))
+        evidence = evidence.crop(
+            low if box_lo is None else box_lo, high if box_hi is None else box_hi
+        )
+    return evidence
+
+
+def _empty_map(
+    path: str | os.PathLike[str], attributes: dict[str, Any]
+) -> tuple[EvidenceMap, IntArray]:
+    if attributes.get("format") != FORMAT:
+        raise InputError(f"{path}: a Zarr folder, but not one of oddsmap (attribute format)")
+    version = attributes.get("format_version")
+    if version != FORMAT_VERSION:
+        raise InputError(
+            f"{path}: format version {version}, this oddsmap reads {FORMAT_VERSION}: update oddsmap"
+        )
+    config = Config.from_dict(attributes["config"], str(path))
+    first = np.array(attributes["origin_cell"], np.int64)
+    if first.shape not in ((2,), (3,)):
+        raise ValueError("attribute origin_cell needs 2 or 3 indices")
+    evidence = EvidenceMap(
+        config.map.resolution,
+        votes=config.map.votes,
+        sensor=config.sensor,
+        posterior=config.posterior,
+        ndim=len(first),
+    )
+    evidence.provenance = list(attributes["provenance"])
+    return evidence, first
+
+
+def _array(root: zarr.Group, name: str) -> zarr.Array[Any]:
+    import zarr
+
+    array = root[name]
+    if not isinstance(array, zarr.Array):
+        raise ValueError(f"{name} is not an array")
+    return array
+
+
+def _shard_side(root: zarr.Group) -> int:
+    array = _array(root, "hits")
+    return int((array.shards or array.chunks)[0])
+
+
+def _shard_files(path: Path, name: str, d: int) -> list[list[int]]:
+    # Place of each file of an array, in shards, z and y before x.
+    folder = path / name / "c"
+    files = folder.glob("/".join("*" * d))
+    return sorted([int(part) for part in file.relative_to(folder).parts] for file in files)
+
+
+def _stored_shards(root: zarr.Group, path: Path, first: IntArray, d: int) -> Iterator[IntArray]:
+    # The files that exist: a map may span far more shards than were ever written.
+    side = _shard_side(root)
+    written: Any = root.attrs["shards"]
+    found = set()
+    for name in _ARRAYS:
+        files = _shard_files(path, name, d)
+        # To Zarr a missing file is a shard of zeros; here it would be evidence lost in silence.
+        missing = [place for place in written[name] if place not in files]
+        if missing:
+            raise ValueError(f"{name}/c/{'/'.join(map(str, missing[0]))} is missing")
+        found.update(tuple(place) for place in files)
+    for indices in sorted(found):
+        yield np.array(indices[::-1], np.int64) * side + first
+
+
+def _add_shard(
+    evidence: EvidenceMap, root: zarr.Group, begin: IntArray, end: IntArray, first: IntArray
+) -> None:
+    d, side = evidence.ndim, evidence.tiles.side
+    cut = tuple(
+        slice(int(a), int(b))
+        for a, b in zip((begin - first)[::-1], (end - first)[::-1], strict=True)
+    )
+    weights = []
+    for name in _ARRAYS:
+        array = _array(root, name)
+        unit = round(float(str(array.attrs["weight_unit"])) * ONE)
+        stored = np.asarray(array[cut])
+        if (
+            stored.dtype.kind not in "ui"
+            or not 0 <= stored.min() <= stored.max() <= MAX_UNITS // unit
+        ):
+            raise ValueError(f"{name} holds weights that are no counts of 0 to 2^46 votes")
+        weights.append(stored.astype(np.int64) * unit)
+    # Seen as tiles: (ty, side, tx, side) becomes (ty, tx, side, side), one row a tile.
+    count = int(end[0] - begin[0]) // side
+    blocks = np.stack(weights).reshape(2, *(count, side) * d)
+    order = [1 + 2 * axis for axis in range(d)] + [0] + [2 + 2 * axis for axis in range(d)]
+    tiles = blocks.transpose(order).reshape(count**d, 2, side**d)
+    used = np.flatnonzero(tiles.any(axis=(1, 2)))
+    coords = np.stack(np.unravel_index(used, (count,) * d)[::-1], axis=1) + begin // side
+    evidence.tiles.add(coords, tiles[used])
