@@ -101,10 +101,7 @@ class Config:
                 _check_field(section, name, value, where)
         if "resolution" not in values.get("map", {}):
             raise ConfigError(f"{where}: map.resolution is missing; a map needs one, in metres")
-        try:
-            return cls(**{name: kind(**values.get(name, {})) for name, kind in _SECTIONS.items()})
-        except ConfigError as error:
-            raise ConfigError(f"{where}: {error}") from None
+        return cls(**{name: kind(**values.get(name, {})) for name, kind in _SECTIONS.items()})
 
 
 _SECTIONS: dict[str, Any] = {"map": MapConfig, "sensor": BeamSensor, "posterior": PosteriorConfig}
@@ -131,7 +128,7 @@ def resolve(*layers: tuple[str, Mapping[str, Mapping[str, Any]]]) -> Config:
             for name, value in fields.items():
                 _check_field(section, name, value, where)
                 merged.setdefault(section, {})[name] = value
-    return Config.from_dict(merged, layers[-1][0] if len(layers) == 1 else "configuration")
+    return Config.from_dict(merged, "configuration")
 
 
 def read_toml(path: Path) -> dict[str, Any]:

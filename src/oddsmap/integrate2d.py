@@ -98,18 +98,24 @@ class Integrator2D:
     ) -> None:
         """Refuse a scan that memory could not hold, before any of it is done."""
         side = self.tiles.side
-        window = (hi - lo + 2 * side).prod(axis=1)
-        touched = np.minimum(way / side + 2 * beams, window / side**2)
-        worst = int(np.argmax(touched))
-        takes = touched[worst] * 2.0 * side**2
-        longest = float((hi - lo).max())
-        if takes > memory_limit() or window.max() > _MAX_SCAN_CELLS or longest >= MAX_BORDERS:
-            metres = (hi - lo)[worst] * self._resolution
+        extent = hi - lo + 2 * side
+        window = extent.prod(axis=1)
+        bytes_needed = 2.0 * np.minimum(way * side + 2 * beams * side**2, window)
+        limit = memory_limit()
+        too_large = (
+            (bytes_needed > limit)
+            | (window > _MAX_SCAN_CELLS)
+            | (extent.max(axis=1) >= MAX_BORDERS)
+        )
+        if too_large.any():
+            worst = int(np.argmax(np.where(too_large, window, 0.0)))
+            metres = extent[worst] * self._resolution
             raise MapTooLargeError(
-                f"one scan alone spans {metres[0]:.4g} x {metres[1]:.4g} m, at a resolution of "
-                f"{self._resolution:g} m {window[worst]:.2g} cells: it would take about "
-                f"{takes / 1e9:.3g} GB of memory and the map far more; use a coarser resolution, "
-                "or set a range_max where a reading is too long"
+                f"one scan spans {metres[0]:.4g} x {metres[1]:.4g} m, {window[worst]:.1e} cells of "
+                f"{self._resolution:g} m: it alone would take up to "
+                f"{_gigabytes(bytes_needed[worst])} of memory (there are {_gigabytes(limit)}; a "
+                f"scan may span {_MAX_SCAN_CELLS:.1e} cells); use a coarser resolution, or "
+                "range_max where a reading is too long"
             )
 
     def _integrate(self, scans: ScanArrays) -> None:
@@ -152,6 +158,10 @@ class Integrator2D:
         borders = int((widest * self.tiles.side).max()) + 2
         if self._buffer.shape[1] < borders:
             self._buffer = np.zeros((2, borders), np.int32)
+
+
+def _gigabytes(count: float) -> str:
+    return f"{count / 1e9:.3g} GB"
 
 
 def _without_far(segments: Segments, limit: float) -> tuple[Segments, int]:

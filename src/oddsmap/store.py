@@ -237,14 +237,14 @@ def _stored_shards(root: zarr.Group, path: Path, first: IntArray, d: int) -> Ite
     # The files that exist: a map may span far more shards than were ever written.
     side = _shard_side(root)
     written: Any = root.attrs["shards"]
-    found = set()
+    found: set[tuple[int, ...]] = set()
     for name in _ARRAYS:
-        files = _shard_files(path, name, d)
+        files = {tuple(place) for place in _shard_files(path, name, d)}
         # To Zarr a missing file is a shard of zeros; here it would be evidence lost in silence.
-        missing = [place for place in written[name] if place not in files]
+        missing = [place for place in written[name] if tuple(place) not in files]
         if missing:
             raise ValueError(f"{name}/c/{'/'.join(map(str, missing[0]))} is missing")
-        found.update(tuple(place) for place in files)
+        found |= files
     for indices in sorted(found):
         yield np.array(indices[::-1], np.int64) * side + first
 

@@ -83,32 +83,41 @@ class TileStore:
         return self._bytes(self.count, int(self.arrays.counts[WIDE_COUNT]))
 
     def _bytes(self, tiles: int, wide: int) -> int:
-        per_tile = 2 * self.side**self.ndim
+        per_tile: int = 2 * self.side**self.ndim
         return (
-            int(self.arrays.table.nbytes) + tiles * (8 * self.ndim + 5 + per_tile) + 8 * wide * per_tile
+            int(self.arrays.table.nbytes)
+            + tiles * (8 * self.ndim + 5 + per_tile)
+            + 8 * wide * per_tile
         )
 
     def reserve(self, tiles: int, wide: int) -> None:
         """Make room for that many more tiles and wide rows.
 
         Raises:
-            MapTooLargeError: the memory of this machine would not hold what is in use already.
+            MapTooLargeError: this machine's memory would not hold the tiles twice while they grow.
         """
         used, used_wide = self.count, int(self.arrays.counts[WIDE_COUNT])
-        limit = memory_limit()
-        if self.nbytes > limit:
-            raise MapTooLargeError(
-                f"the map has reached {self.nbytes / 1e9:.1f} GB in {used} tiles, more than the "
-                f"{limit / 1e9:.1f} GB this machine can give it: use a coarser resolution or crop"
-            )
         room, room_wide = self.arrays.coords.shape[0], self.arrays.wide.shape[0]
         if used + tiles <= room and used_wide + wide <= room_wide:
             return
+        limit = memory_limit()
+        if 2 * self.nbytes > limit:  # old and new lie side by side while the tiles are moved
+            raise MapTooLargeError(
+                f"the map has reached {self.nbytes / 1e9:.1f} GB in {used} tiles and must grow: "
+                f"this machine's memory of {limit / 1e9:.1f} GB does not allow it; use a coarser "
+                "resolution, or map a part of the log"
+            )
         if used + tiles > room:
             room = max(used + tiles, 2 * room)
         if used_wide + wide > room_wide:
             room_wide = max(used_wide + wide, 2 * room_wide)
-        old, new = self.arrays, self._empty(room, room_wide)
+        try:
+            old, new = self.arrays, self._empty(room, room_wide)
+        except MemoryError:
+            raise MapTooLargeError(
+                f"no memory for {tiles} more tiles beside the {used} in use "
+                f"({self._bytes(room, room_wide) / 1e9:.1f} GB): use a coarser resolution or crop"
+            ) from None
         new.counts[:] = old.counts
         for name in ("coords", "load", "wide_of", "narrow"):
             getattr(new, name)[:used] = getattr(old, name)[:used]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
 
 Cell = tuple[int, int]
 Point = tuple[float, float]
-Votes = dict[Cell, tuple[int, int]]
+Beam = tuple[Point, Point, bool]
 
 
 def cell_of(point: Point) -> Cell:
@@ -59,7 +59,11 @@ def corner_distance(start: Point, end: Point, cell: Cell) -> float:
 
 
 def map_scan(
-    origin: Point, beams: Iterable[tuple[Point, Point, bool]], votes: str, share: bool = False
+    origin: Point,
+    beams: Iterable[Beam],
+    votes: str,
+    share: bool = False,
+    passed: Callable[[Point, Point], Iterable[Cell]] = crossed,
 ) -> dict[Cell, tuple[Fraction, Fraction]]:
     """One scan's votes: beams are (end of the free part, end of the occupied part, hit?)."""
     hits: dict[Cell, Fraction] = defaultdict(Fraction)
@@ -71,7 +75,7 @@ def map_scan(
         votes_of[cell] = before + weight if votes == "beam" else max(before, weight)
 
     for end, tip, hit in beams:
-        for cell in crossed(origin, end):
+        for cell in passed(origin, end):
             if cell != cell_of(end):
                 put(passes, cell, one)
         if hit:

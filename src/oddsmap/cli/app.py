@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import functools
 import sys
+from collections.abc import Callable
+from typing import TypeVar, cast
 
 import typer
 
@@ -27,16 +30,33 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
   oddsmap export intel.zarr intel.yaml                          map to ROS; also .png and .npz
 """
 
+Command = TypeVar("Command", bound=Callable[..., None])
+
+
+def _interruptible(command: Command) -> Command:
+    # Typer would answer Ctrl-C itself, with "Aborted!" and another exit status.
+    @functools.wraps(command)
+    def guarded(*args: object, **kwargs: object) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt:
+            raise OddsmapError(
+                "interrupted: nothing new was written, what was there is as it was"
+            ) from None
+
+    return cast(Command, guarded)
+
+
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command(help=BUILD_HELP)(build)
-app.command(help=EXPORT_HELP)(export)
-app.command(help=INFO_HELP)(info)
-app.command()(demo)
+app.command(help=BUILD_HELP)(_interruptible(build))
+app.command(help=EXPORT_HELP)(_interruptible(export))
+app.command(help=INFO_HELP)(_interruptible(info))
+app.command()(_interruptible(demo))
 
 
 def _show_version(show: bool) -> None:
@@ -62,8 +82,6 @@ def run() -> None:
         app(standalone_mode=True)
     except OddsmapError as error:
         _fail(str(error))
-    except KeyboardInterrupt:
-        _fail("interrupted: nothing new was written, what was there is as it was")
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(1)

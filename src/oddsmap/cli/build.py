@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -37,7 +37,8 @@ def build(
         float | None, typer.Option(metavar="M", help="Side of a cell in metres.")
     ] = None,
     votes: Annotated[
-        str | None, typer.Option(help='"scan": one vote a cell and scan; "beam": every beam.')
+        Literal["scan", "beam"] | None,
+        typer.Option(help="scan: one vote a cell and scan; beam: every beam."),
     ] = None,
     clear_range: Annotated[
         float | None, typer.Option(metavar="M", help="How far a beam without return clears.")
@@ -46,10 +47,12 @@ def build(
         float | None, typer.Option(metavar="M", help="Readings from here on are no returns.")
     ] = None,
     threads: Annotated[
-        int | None, typer.Option(metavar="N", help="Default: all cores. Changes no bit.")
+        int | None, typer.Option(metavar="N", min=1, help="Default: all cores. Changes no bit.")
     ] = None,
     sensor: Annotated[str, typer.Option(metavar="NAME", help="Kind of sensor.")] = "lidar2d",
-    estimator: Annotated[str, typer.Option(help='Only "filter" so far.')] = "filter",
+    estimator: Annotated[
+        Literal["filter", "full-map"], typer.Option(help="full-map: not available yet.")
+    ] = "filter",
     poses: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Poses, for scans that come without.")
     ] = None,
@@ -81,6 +84,8 @@ def build(
     flags = {"map": {"resolution": resolution, "votes": votes}}
     flags["sensor"] = {"range_max": range_max, "clear_range": clear_range}
     layers = _layers(config, flags, settings or [])
+    if not any("resolution" in values.get("map", {}) for _, values in layers):
+        raise typer.BadParameter("a map needs one, in metres", param_hint="--resolution")
     _resolved(layers, {})  # a mistake in the settings shows before a long log is read
 
     started = time.perf_counter()
@@ -101,7 +106,7 @@ def build(
         posterior=first.posterior,
     )
     total = Report()
-    workers = threads if threads is not None else len(os.sched_getaffinity(0))
+    workers = threads or _cores()
     with _progress(sum(len(log) for log in opened), quiet=as_json) as advance:
         for log, settled in zip(opened, configs, strict=True):
             report = add_log(
@@ -119,6 +124,12 @@ def build(
         typer.echo(json.dumps(facts))
     else:
         _say(facts, opened)
+
+
+def _cores() -> int:
+    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _only(option: str, value: str, known: str) -> None:

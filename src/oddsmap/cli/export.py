@@ -4,12 +4,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast, get_args
+from typing import Annotated, Literal
 
 import typer
-
-if TYPE_CHECKING:
-    from oddsmap.export.ros_reader import RosMode
 
 __all__ = ["HELP", "export"]
 
@@ -26,7 +23,9 @@ HELP = """Write a map as a ROS map, a picture, or arrays: the suffix of OUT deci
 def export(
     source: Annotated[Path, typer.Argument(metavar="MAP.zarr")],
     output: Annotated[Path, typer.Argument(metavar="OUT", help=".yaml, .png or .npz")],
-    mode: Annotated[str, typer.Option(help="ROS: trinary, scale or raw.")] = "trinary",
+    mode: Annotated[
+        Literal["trinary", "scale", "raw"], typer.Option(help="How a ROS map writes probabilities.")
+    ] = "trinary",
     posterior: Annotated[str, typer.Option(metavar="NAME", help="Which view.")] = "log-odds",
     prior: Annotated[
         str | None, typer.Option(metavar="P", help="p(occupied) before any reading.")
@@ -37,13 +36,10 @@ def export(
 ) -> None:
     """Write a map as a ROS map, a picture, or arrays: see `HELP`."""
     from oddsmap.errors import ConfigError
-    from oddsmap.export.ros_reader import RosMode
     from oddsmap.store import load_map
 
     if posterior != "log-odds":
         raise ConfigError(f'--posterior {posterior}: not available, this version has "log-odds"')
-    if mode not in get_args(RosMode):
-        raise ConfigError(f"--mode {mode}: trinary, scale or raw")
     suffix = output.suffix.lower()
     if suffix not in (".yaml", ".yml", ".png", ".npz"):
         raise ConfigError(
@@ -57,7 +53,7 @@ def export(
     elif suffix == ".npz":
         view.save_npz(output, force=force)
     else:
-        written = list(view.save_ros(output, mode=cast("RosMode", mode), force=force))
+        written = list(view.save_ros(output, mode=mode, force=force))
     typer.echo(f"wrote    {', '.join(str(path) for path in written)}")
 
 

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What several tests of the core need: scans at will, and maps as plain dictionaries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.evidence import EvidenceMap
+from oddsmap.integrate2d import Integrator2D
+from oddsmap.poses import Pose2
+from oddsmap.scan import Scan
+from oddsmap.sensors.beam import Segments
+from tests.naive.mapping import Beam, Point
+
+ONE = 65536
+Votes = dict[tuple[int, ...], tuple[int, int]]
+
+
+def votes_of(evidence: EvidenceMap) -> Votes:
+    """Cell -> (hits, passes) in units of 1/65536 vote."""
+    index, hits, passes = evidence.cells()
+    votes = {
+        tuple(map(int, cell)): (int(hit), int(free))
+        for cell, hit, free in zip(index, hits, passes, strict=True)
+    }
+    assert len(votes) == len(index), "a cell is listed twice"
+    return votes
+
+
+def add_votes(evidence: EvidenceMap, votes: Votes) -> None:
+    """The inverse of `votes_of`."""
+    d = evidence.ndim
+    index = np.array(list(votes), np.int64).reshape(-1, d)
+    hits = np.array([hit for hit, _ in votes.values()], np.int64)
+    passes = np.array([free for _, free in votes.values()], np.int64)
+    evidence.add_cells(index, hits, passes)
+
+
+def add_beams(
+    evidence: EvidenceMap, origin: Point, beams: Sequence[Beam], *, marks: bool | None = None
+) -> None:
+    """Add one scan of beams given in cells; `marks` False: by the kernel that skips nothing."""
+    ends = np.array([end for end, _, _ in beams], np.float64).reshape(-1, 2)
+    tips = np.array([tip for _, tip, _ in beams], np.float64).reshape(-1, 2)
+    segments = Segments(
+        origins=np.array([origin]) * evidence.resolution,
+        offsets=np.array([0, len(beams)]),
+        ends=ends * evidence.resolution,
+        tips=tips * evidence.resolution,
+        hit=np.array([hit for _, _, hit in beams], np.bool_),
+    )
+    integrator = Integrator2D(evidence, evidence.sensor, evidence.tiles)
+    if marks is not None:
+        integrator._marks = marks
+    scans, too_far = integrator._in_cells(segments)
+    assert too_far == 0
+    integrator._integrate(scans)
+
+
+def fan_scan(
+    x: float, y: float, theta: float, ranges: npt.ArrayLike, step: float = math.pi / 180
+) -> Scan:
+    """A scan of beams `step` [rad] apart, the first straight ahead."""
+    reading = np.asarray(ranges, np.float64)
+    angles = np.arange(len(reading)) * step
+    return Scan(Pose2(x, y, theta), np.stack([np.cos(angles), np.sin(angles)], axis=1), reading)
+
+
+def random_scans(seed: int, count: int, beams: int = 40, reach: float = 6.0) -> list[Scan]:
+    """Scans from random poses with all sorts of readings."""
+    rng = np.random.default_rng(seed)
+    scans = []
+    for _ in range(count):
+        ranges = rng.uniform(0.0, reach, beams)
+        ranges[rng.random(beams) < 0.1] = np.inf
+        ranges[rng.random(beams) < 0.05] = np.nan
+        x, y, theta = rng.uniform(-4.0, 4.0, 3)
+        scans.append(fan_scan(float(x), float(y), float(theta), ranges, step=2 * math.pi / beams))
+    return scans
