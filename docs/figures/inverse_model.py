@@ -7,12 +7,14 @@ python docs/figures/inverse_model.py        # writes docs/images/inverse_model.p
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from oddsmap import BeamSensor
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OUTPUT = Path(__file__).resolve().parent.parent / "images" / "inverse_model.png"
 READING = 3.0
@@ -22,7 +24,10 @@ INK = "#39434d"
 
 def draw() -> Figure:
     """Draw p(x | z) against the distance along the beam."""
-    sensor = BeamSensor(hit_width=0.4)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    sensor = BeamSensor(hit_width=0.6)
     distance = np.linspace(0.0, 5.0, 5001)
     near, far = READING - sensor.hit_width / 2, READING + sensor.hit_width / 2
 
@@ -30,14 +35,14 @@ def draw() -> Figure:
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     axes.axvspan(near, far, color="#e5e7eb", linewidth=0)
-    axes.axvline(READING, color=INK, linewidth=0.8, linestyle=":")
+    axes.axvline(READING, ymax=0.87, color=INK, linewidth=0.8, linestyle=":")
     for prior, colour in PRIORS:
         chance = sensor.inverse_model(distance, READING, prior)
         axes.plot(distance, chance, color=colour, linewidth=1.8)
         axes.text(5.05, prior, f"prior {prior:g}", color=colour, va="center")
     for x, text in (
         (near / 2, "(3) before"),
-        (READING, "(2) return"),
+        (READING, "(2) around"),
         ((far + 5.0) / 2, "(1) behind"),
     ):
         axes.text(x, 0.93, text, color=INK, ha="center", va="center")

@@ -23,15 +23,18 @@ if TYPE_CHECKING:
         OutputError,
     )
     from oddsmap.evidence import EvidenceMap
+    from oddsmap.export.octomap_reader import load_octomap
     from oddsmap.export.ros_reader import load_ros
-    from oddsmap.integrate import build_map, integrate
+    from oddsmap.integrate import add_scans, build_map
     from oddsmap.poses import Pose2, Pose3
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.probability_map import ProbabilityMap, State, Thresholds
+    from oddsmap.projection import project
     from oddsmap.readers import open_log
     from oddsmap.scan import Log, Scan
     from oddsmap.sensors.beam import BeamSensor
     from oddsmap.store import load_map
+    from oddsmap.voxels import VoxelMap
 
 __version__ = "0.1.0"
 
@@ -51,12 +54,15 @@ __all__ = [
     "Scan",
     "State",
     "Thresholds",
+    "VoxelMap",
     "__version__",
+    "add_scans",
     "build_map",
-    "integrate",
     "load_map",
+    "load_octomap",
     "load_ros",
     "open_log",
+    "project",
 ]
 
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
@@ -76,11 +82,14 @@ _HOME = {
     "Scan": "scan",
     "State": "probability_map",
     "Thresholds": "probability_map",
+    "VoxelMap": "voxels",
+    "add_scans": "integrate",
     "build_map": "integrate",
-    "integrate": "integrate",
     "load_map": "store",
+    "load_octomap": "export.octomap_reader",
     "load_ros": "export.ros_reader",
     "open_log": "readers",
+    "project": "projection",
 }
 
 

@@ -232,9 +232,7 @@ class EvidenceMap:
                     f"maps of different {name} cannot be added: {mine} here, {theirs} there"
                 )
         if self.tiles.side == other.tiles.side:
-            # A list first: a map added to itself must not change while it is read.
-            for coords, units in list(other.tiles.chunks()):
-                self.tiles.add(coords, units)
+            self.tiles.merge(other.tiles)
         else:
             self.add_cells(*other.cells())
         self.provenance.extend(other.provenance)

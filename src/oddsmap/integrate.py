@@ -1,38 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans and a sensor model to evidence: the mapping itself.
 
-    for each batch of scans:
-        segments = sensor.segments(batch)       # metres, map frame
-        add_segments(evidence, segments)        # exact cells, integer votes
-
-Batches may be shared among threads, each with tiles of its own that are added up at the end:
-integer addition commutes, so threads and order change no bit.
+for each batch of scans:                    # workers.py, shared among threads
+segments = sensor.segments(batch)       # sensors/beam.py: metres, map frame
+cells = to_cells(segments)              # cells.py: position / resolution
+integrator.add(cells)                   # integrate2d.py, integrate3d.py: exact votes
 """
 
 from __future__ import annotations
 
 import dataclasses
-import queue
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import cache
+from itertools import chain
+
+import numpy as np
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence import EvidenceMap
+from oddsmap.poses import Pose2, Pose3
 from oddsmap.scan import Log, Scan
 from oddsmap.sensors.beam import BeamSensor
+from oddsmap.workers import Team
 
-if TYPE_CHECKING:
-    from oddsmap.integrate2d import Integrator2D
-
-__all__ = ["Report", "add_log", "build_map", "integrate"]
-
-# Beams in one batch: enough that Python's share of the time is small, few enough that progress
-# shows and Ctrl-C is answered at once.
-_BATCH_BEAMS = 1 << 14
+__all__ = ["Report", "add_log", "add_scans", "build_map"]
 
 SENSOR_SAYS = ("range_min", "range_max")
 """What a log may say of its sensor that is a field of the sensor model."""
@@ -47,6 +41,7 @@ class Report:
     skipped: Counter[str] = field(default_factory=Counter)
     integrate_s: float = 0.0
     compile_s: float = 0.0
+    read_s: float = 0.0
 
     def add(self, scans: int, beams: int, skipped: Counter[str]) -> None:
         """Count one batch."""
@@ -76,18 +71,23 @@ def build_map(
         progress: called with the number of scans done so far.
 
     Returns:
-        The map; `map.report` says what was used and what was skipped.
+        The map, of the plane or of space as the scans are; its `report` says what was used and
+        what was skipped.
 
     Raises:
-        InputError: no usable scan, or scans of space (3D).
+        InputError: no usable scan, or scans of the plane and of space together.
         ConfigError: a parameter outside its range.
         MapTooLargeError: the map, or one scan of it, would not fit in memory.
     """
     if sensor is None:
         said = getattr(log, "sensor", {})
         sensor = BeamSensor(**{name: said[name] for name in SENSOR_SAYS if name in said})
-    evidence = EvidenceMap(resolution, votes=votes, sensor=sensor)
-    evidence.report = add_log(evidence, log, threads=threads, progress=progress)
+    scans = iter(log)
+    first = next(scans, None)
+    ndim = 2 if first is None else first.directions.shape[1]
+    evidence = EvidenceMap(resolution, votes=votes, sensor=sensor, ndim=ndim)
+    ahead = scans if first is None else chain([first], scans)
+    evidence.report = add_log(evidence, log, scans=ahead, threads=threads, progress=progress)
     return evidence
 
 
@@ -95,15 +95,18 @@ def add_log(
     evidence: EvidenceMap,
     log: Log | Iterable[Scan],
     *,
+    scans: Iterable[Scan] | None = None,
     sensor: BeamSensor | None = None,
     threads: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> Report:
     """Add a whole log to a map and note it in the map's provenance.
 
-    Arguments and errors as in `build_map`; `sensor` is by default the map's.
+    Arguments and errors as in `build_map`; `sensor` is by default the map's, and `scans` are the
+    log's, where they have been begun to read already.
     """
-    report = integrate(evidence, log, sensor=sensor, threads=threads, progress=progress)
+    source = log if scans is None else scans
+    report = add_scans(evidence, source, sensor=sensor, threads=threads, progress=progress)
     report.skipped = Counter(getattr(log, "skipped", Counter())) + report.skipped
     path = getattr(log, "path", None)
     if report.scans == 0:
@@ -122,7 +125,7 @@ def add_log(
     return report
 
 
-def integrate(
+def add_scans(
     evidence: EvidenceMap,
     scans: Iterable[Scan],
     *,
@@ -135,62 +138,32 @@ def integrate(
     Arguments and errors as in `build_map`, except that no usable scan is no error here;
     `sensor` is by default the map's.
     """
-    from oddsmap.integrate2d import Integrator2D, compile_kernels
-
     if threads < 1:
         raise ConfigError(f"threads: at least 1 is needed, got {threads}")
     sensor = sensor or evidence.sensor
-    report = Report(compile_s=compile_kernels(evidence.votes, sensor))
-    started = time.perf_counter()
-    workers = [Integrator2D(evidence, sensor, evidence.tiles)]
-    workers += [Integrator2D(evidence, sensor, evidence.new_tiles()) for _ in range(threads - 1)]
-    for scan_count, beam_count, skipped in _run(workers, _batches(scans)):
+    report = Report(compile_s=_compile(evidence.ndim, evidence.votes, sensor.hit_width > 0))
+    team = Team(evidence, sensor, threads)
+    for scan_count, beam_count, skipped in team.run(scans):
         report.add(scan_count, beam_count, skipped)
         if progress is not None:
             progress(report.scans + sum(skipped[k] for k in skipped if k.startswith("scan.")))
-    for worker in workers[1:]:
-        for coords, units in worker.tiles.chunks():
-            evidence.tiles.add(coords, units)
-    report.integrate_s = time.perf_counter() - started
+    report.integrate_s, report.read_s = team.integrate_s, team.read_s
     return report
 
 
-def _batches(scans: Iterable[Scan]) -> Iterator[list[Scan]]:
-    batch: list[Scan] = []
-    beams = 0
-    for scan in scans:
-        batch.append(scan)
-        beams += len(scan.ranges)
-        if beams >= _BATCH_BEAMS:
-            yield batch
-            batch, beams = [], 0
-    if batch:
-        yield batch
+def _compile(ndim: int, votes: str, wide: bool) -> float:
+    """Compile what a map needs, or load it from the cache; returns the seconds that took."""
+    started = time.perf_counter()
+    _compile_once(ndim, votes == "beam" or wide)
+    return time.perf_counter() - started
 
 
-def _run(
-    workers: Sequence[Integrator2D], batches: Iterator[list[Scan]]
-) -> Iterator[tuple[int, int, Counter[str]]]:
-    if len(workers) == 1:
-        yield from map(workers[0].add, batches)
-        return
-    idle: queue.SimpleQueue[Integrator2D] = queue.SimpleQueue()
-    for worker in workers:
-        idle.put(worker)
-
-    def work(batch: list[Scan]) -> tuple[int, int, Counter[str]]:
-        worker = idle.get()
-        try:
-            return worker.add(batch)
-        finally:
-            idle.put(worker)
-
-    with ThreadPoolExecutor(len(workers)) as pool:
-        pending: set[Future[tuple[int, int, Counter[str]]]] = set()
-        for batch in batches:
-            pending.add(pool.submit(work, batch))
-            if len(pending) > 2 * len(workers):
-                done, pending = wait(pending, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in done)
-        for future in pending:
-            yield future.result()
+@cache
+def _compile_once(ndim: int, weights: bool) -> None:
+    # A toy map goes through the same kernels.
+    sensor = BeamSensor(hit_width=1.0 if weights else 0.0)
+    pose = Pose2(0.5, 0.5, 0.0) if ndim == 2 else Pose3(np.eye(3), np.full(3, 0.5))
+    toy = EvidenceMap(1.0, sensor=sensor, ndim=ndim)
+    for _ in Team(toy, sensor, 1).run([Scan(pose, np.eye(ndim), np.full(ndim, 3.0))]):
+        pass
+    toy.tiles.merge(toy.tiles)

@@ -8,25 +8,22 @@ it; what the kernels cannot check is checked here.
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.cells import to_cells
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.evidence import EvidenceMap
-from oddsmap.kernels.beams import cell_bounds
-from oddsmap.kernels.integrate2d import DONE, FULL, ScanArrays, count_votes, mark_votes
-from oddsmap.kernels.segments import COLUMNS, MAX_BORDERS
-from oddsmap.poses import Pose2
+from oddsmap.kernels.beams import ScanCells
+from oddsmap.kernels.integrate2d import DONE, FULL, count_votes, mark_votes
+from oddsmap.kernels.segments import COLUMNS
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor, Segments
-from oddsmap.tiles import TileStore, memory_limit
+from oddsmap.tiles import TileStore
 
-__all__ = ["Integrator2D", "compile_kernels"]
+__all__ = ["Integrator2D"]
 
 # A window of marks is at most this many cells, one byte each, so that it can be held; votes that
 # add up take 16 bytes a cell. Larger scans are gone through in blocks.
@@ -34,8 +31,6 @@ _MARK_WINDOW = 1 << 26
 _COUNT_WINDOW = 1 << 22
 # Beyond this many cells the blocks of one scan take seconds: a resolution chosen by mistake.
 _MAX_SCAN_CELLS = 1 << 34
-# Coordinates beyond this many cells have no precision left within a cell.
-_MAX_COORDINATE = float(1 << 45)
 
 
 class Integrator2D:
@@ -55,6 +50,9 @@ class Integrator2D:
         self._marks = not self._every_beam and self._sensor.hit_width == 0
         self._mark_window = np.zeros(0, np.uint8)
         self._count_window = np.zeros((2, 0), np.int64)
+        zone = 2 * math.ceil(sensor.hit_width / evidence.resolution) + 4
+        self._cells = np.zeros((zone, 2), np.int64)
+        self._weights = np.zeros(zone, np.int64)
         self._table = np.zeros((0, COLUMNS), np.int64)
         self._buffer = np.zeros((2, 0), np.int32)
 
@@ -62,7 +60,7 @@ class Integrator2D:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
         segments, skipped = self._sensor.segments(scans)
         if len(segments.origins) and segments.origins.shape[1] != 2:
-            raise InputError("scans of space (3D) cannot be mapped yet: only scans of the plane")
+            raise InputError("scans of space cannot go into a map of the plane")
         arrays, too_far = self._in_cells(segments)
         if too_far:
             skipped["scan.pose_too_far"] += too_far
@@ -70,55 +68,10 @@ class Integrator2D:
             self._integrate(arrays)
         return len(arrays.origins), len(arrays.hit), skipped
 
-    def _in_cells(self, segments: Segments) -> tuple[ScanArrays, int]:
-        segments, too_far = _without_far(segments, _MAX_COORDINATE * self._resolution)
-        origins, offsets = segments.origins / self._resolution, segments.offsets
-        lo, hi, way = origins.copy(), origins.copy(), np.zeros(len(origins))
-        cell_bounds(segments.ends, offsets, self._resolution, lo, hi, way)
-        if segments.tips is not segments.ends:
-            cell_bounds(segments.tips, offsets, self._resolution, lo, hi, np.zeros_like(way))
-        if np.isnan(way).any():
-            raise InputError("a scan's directions are not numbers: each must be a unit vector")
-        if len(origins):
-            self._check_size(np.diff(offsets), way, lo, hi)
-        side = self.tiles.side
-        tiles_lo = np.floor(lo).astype(np.int64) // side
-        tiles_hi = np.floor(hi).astype(np.int64) // side + 1
-        scans = ScanArrays(
-            origins, offsets, segments.ends, segments.tips, segments.hit, tiles_lo, tiles_hi
-        )
-        return scans, too_far
+    def _in_cells(self, segments: Segments) -> tuple[ScanCells, int]:
+        return to_cells(segments, self._resolution, self.tiles.side, _MAX_SCAN_CELLS)
 
-    def _check_size(
-        self,
-        beams: npt.NDArray[np.int64],
-        way: npt.NDArray[np.float64],
-        lo: npt.NDArray[np.float64],
-        hi: npt.NDArray[np.float64],
-    ) -> None:
-        """Refuse a scan that memory could not hold, before any of it is done."""
-        side = self.tiles.side
-        extent = hi - lo + 2 * side
-        window = extent.prod(axis=1)
-        bytes_needed = 2.0 * np.minimum(way * side + 2 * beams * side**2, window)
-        limit = memory_limit()
-        too_large = (
-            (bytes_needed > limit)
-            | (window > _MAX_SCAN_CELLS)
-            | (extent.max(axis=1) >= MAX_BORDERS)
-        )
-        if too_large.any():
-            worst = int(np.argmax(np.where(too_large, window, 0.0)))
-            metres = extent[worst] * self._resolution
-            raise MapTooLargeError(
-                f"one scan spans {metres[0]:.4g} x {metres[1]:.4g} m, {window[worst]:.1e} cells of "
-                f"{self._resolution:g} m: it alone would take up to "
-                f"{_gigabytes(bytes_needed[worst])} of memory (there are {_gigabytes(limit)}; a "
-                f"scan may span {_MAX_SCAN_CELLS:.1e} cells); use a coarser resolution, or "
-                "range_max where a reading is too long"
-            )
-
-    def _integrate(self, scans: ScanArrays) -> None:
+    def _integrate(self, scans: ScanCells) -> None:
         side = self.tiles.side
         limit = _MARK_WINDOW if self._marks else _COUNT_WINDOW
         block = max(1, (math.isqrt(limit) - 2) // side)
@@ -134,7 +87,7 @@ class Integrator2D:
                 first, status = count_votes(
                     self.tiles.arrays, side, scans, first,
                     self._count_window, block, self._table, self._buffer,
-                    self._every_beam, self._sensor.share_hit,
+                    self._every_beam, self._sensor.share_hit, self._cells, self._weights,
                 )  # fmt: skip
             if status == FULL:
                 window = int((scans.tiles_hi[first] - scans.tiles_lo[first]).prod())
@@ -144,7 +97,7 @@ class Integrator2D:
                     "a cell's weight has passed 2^46 votes: the same evidence was added many times"
                 )
 
-    def _make_room(self, scans: ScanArrays, block: int) -> None:
+    def _make_room(self, scans: ScanCells, block: int) -> None:
         widest = (scans.tiles_hi - scans.tiles_lo).max(axis=0)
         across, up = np.minimum(widest, block) * self.tiles.side + 2
         cells = int(across * up)
@@ -158,41 +111,3 @@ class Integrator2D:
         borders = int((widest * self.tiles.side).max()) + 2
         if self._buffer.shape[1] < borders:
             self._buffer = np.zeros((2, borders), np.int32)
-
-
-def _gigabytes(count: float) -> str:
-    return f"{count / 1e9:.3g} GB"
-
-
-def _without_far(segments: Segments, limit: float) -> tuple[Segments, int]:
-    """Leave out scans whose pose is farther than the limit [m] from the map's origin."""
-    near = np.abs(segments.origins).max(axis=1, initial=0.0) < limit
-    if near.all():
-        return segments, 0
-    lengths = np.diff(segments.offsets)
-    beams = np.repeat(near, lengths)
-    ends = segments.ends[beams]
-    kept = Segments(
-        origins=segments.origins[near],
-        offsets=np.concatenate([[0], np.cumsum(lengths[near])]),
-        ends=ends,
-        tips=ends if segments.tips is segments.ends else segments.tips[beams],
-        hit=segments.hit[beams],
-    )
-    return kept, int(np.count_nonzero(~near))
-
-
-def compile_kernels(votes: str, sensor: BeamSensor) -> float:
-    """Compile what a map needs, or load it from the cache; returns the seconds that took."""
-    started = time.perf_counter()
-    _compile_once(votes == "scan" and sensor.hit_width == 0)
-    return time.perf_counter() - started
-
-
-@cache
-def _compile_once(marks: bool) -> None:
-    sensor = BeamSensor(hit_width=0.0 if marks else 1.0)
-    toy = EvidenceMap(1.0, sensor=sensor)
-    scan = Scan(Pose2(0.5, 0.5, 0.0), np.array([[1.0, 0.0]]), np.array([3.0]))
-    Integrator2D(toy, sensor, toy.tiles).add([scan])
-    toy.tiles.add(*next(toy.tiles.chunks()))

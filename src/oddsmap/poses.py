@@ -103,7 +103,8 @@ class Pose3:
                 f"a rotation needs a unit quaternion, got norm {norm:.6g}: "
                 "check the order of the columns (x y z w)"
             )
-        x, y, z, w = q / norm
+        with np.errstate(invalid="ignore"):  # infinite: a pose that is not finite, skipped later
+            x, y, z, w = q / norm
         rotation = np.array(
             [
                 [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -42,6 +42,16 @@ class Thresholds:
                 f"thresholds need 0 <= free < occupied <= 1, got {self.free} and {self.occupied}"
             )
 
+    def state(
+        self, probability: npt.NDArray[np.float64], observed: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.int8]:
+        """Decide cells: values of `State`, of the shape of the two arrays."""
+        state = np.full(probability.shape, State.UNDECIDED, dtype=np.int8)
+        state[probability <= self.free] = State.FREE
+        state[probability >= self.occupied] = State.OCCUPIED
+        state[~observed] = State.UNKNOWN
+        return state
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbabilityMap:
@@ -75,9 +85,4 @@ class ProbabilityMap:
 
     def state(self, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
         """Decide each cell: values of `State`, shape (ny, nx)."""
-        limit = thresholds or Thresholds()
-        state = np.full(self.probability.shape, State.UNDECIDED, dtype=np.int8)
-        state[self.probability <= limit.free] = State.FREE
-        state[self.probability >= limit.occupied] = State.OCCUPIED
-        state[~self.observed] = State.UNKNOWN
-        return state
+        return (thresholds or Thresholds()).state(self.probability, self.observed)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose, Pose2
+from oddsmap.poses import Pose, Pose2, Pose3
 
 __all__ = ["Log", "Scan"]
 
@@ -46,6 +46,36 @@ class Scan:
                 f"a scan with a {d}D pose needs ranges (n,) and directions (n, {d}), "
                 f"got {self.ranges.shape} and {self.directions.shape}"
             )
+
+    @classmethod
+    def from_points(
+        cls, map_from_sensor: Pose3, points: npt.ArrayLike, stamp_ns: int | None = None
+    ) -> Scan:
+        """Take the points of a cloud as the ends of beams from the sensor.
+
+        `directions * ranges[:, None]` gives the points back to within a few roundings of float64.
+
+        Args:
+            map_from_sensor: pose of the sensor in the map frame.
+            points: points in the sensor frame [m], shape (n, 3). One that is not finite becomes a
+                range of NaN, so that it is counted; one at the sensor itself has range 0.
+            stamp_ns: time of the scan [ns].
+
+        Raises:
+            InputError: `points` has another shape.
+        """
+        ends = np.asarray(points, dtype=np.float64)
+        if ends.ndim != 2 or ends.shape[1] != 3:
+            raise InputError(f"the points of a scan have shape (n, 3), got {ends.shape}")
+        with np.errstate(invalid="ignore", over="ignore"):
+            # Not the root of the sum of squares: that overflows and underflows half way.
+            ranges = np.hypot(np.hypot(ends[:, 0], ends[:, 1]), ends[:, 2])
+        ranges[~np.isfinite(ranges)] = np.nan
+        directions = np.zeros_like(ends)
+        usable = ranges > 0
+        np.divide(ends, ranges[:, None], out=directions, where=usable[:, None])
+        directions[~usable, 0] = 1.0
+        return cls(map_from_sensor, directions, ranges, stamp_ns)
 
 
 class Log(Protocol):

@@ -72,7 +72,7 @@ def save_map(evidence: EvidenceMap, path: str | os.PathLike[str], *, force: bool
     shape = (-(-hi // shard) * shard - first)[::-1]
     most, whole = _largest(evidence)
     unit = ONE if whole else 1
-    dtype = np.min_scalar_type(most // unit)
+    dtype = np.dtype(np.min_scalar_type(most // unit).str)  # by its name: Zarr knows one uint64
     with atomic_output(Path(path), force=force) as part:
         root = zarr.open_group(part, mode="w", zarr_format=3)
         arrays = [
@@ -166,6 +166,8 @@ def load_map(
         d = evidence.ndim
         box_lo = np.asarray(lo, np.int64) if lo is not None else None
         box_hi = np.asarray(hi, np.int64) if hi is not None else None
+        if any(box is not None and box.shape != (d,) for box in (box_lo, box_hi)):
+            raise InputError(f"{path}: a box needs {d} indices each, got lo {lo!r} and hi {hi!r}")
         for begin in _stored_shards(root, Path(path), first, d):
             end = begin + _shard_side(root)
             if box_lo is not None and (end <= box_lo).any():
@@ -227,9 +229,9 @@ def _shard_side(root: zarr.Group) -> int:
 
 
 def _shard_files(path: Path, name: str, d: int) -> list[list[int]]:
-    # Place of each file of an array, in shards, z and y before x.
+    # Place of each file of an array, in shards, z and y before x. To Zarr an empty file is none.
     folder = path / name / "c"
-    files = folder.glob("/".join("*" * d))
+    files = (file for file in folder.glob("/".join("*" * d)) if file.stat().st_size)
     return sorted([int(part) for part in file.relative_to(folder).parts] for file in files)
 
 
@@ -243,7 +245,7 @@ def _stored_shards(root: zarr.Group, path: Path, first: IntArray, d: int) -> Ite
         # To Zarr a missing file is a shard of zeros; here it would be evidence lost in silence.
         missing = [place for place in written[name] if tuple(place) not in files]
         if missing:
-            raise ValueError(f"{name}/c/{'/'.join(map(str, missing[0]))} is missing")
+            raise ValueError(f"{name}/c/{'/'.join(map(str, missing[0]))} is missing or empty")
         found |= files
     for indices in sorted(found):
         yield np.array(indices[::-1], np.int64) * side + first

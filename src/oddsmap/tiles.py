@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, MapTooLargeError
 from oddsmap.kernels.tiles import (
+    ANY_FULL,
     FRACTION_BITS,
     MAX_UNITS,
     TILE_COUNT,
@@ -71,6 +72,11 @@ class TileStore:
     def count(self) -> int:
         """Tiles in use."""
         return int(self.arrays.counts[TILE_COUNT])
+
+    @property
+    def any_full(self) -> bool:
+        """True once a tile may need a wide row for one more whole vote."""
+        return bool(self.arrays.counts[ANY_FULL])
 
     @property
     def coords(self) -> IntArray:
@@ -146,24 +152,28 @@ class TileStore:
             units: non-negative weights in 1/65536 vote, shape (n, 2, cells of a tile).
 
         Raises:
-            MapTooLargeError: a cell's weight would pass 2^62 units; nothing has been added.
+            MapTooLargeError: a cell's weight might pass 2^62 units; nothing has been added.
         """
+        self._check_sum(int(units.max(initial=0)))
         self.reserve(len(coords), len(coords))
-        if units.size and int(units.max()) + self._most() > MAX_UNITS:
+        add_tiles(self.arrays, np.ascontiguousarray(coords), np.ascontiguousarray(units))
+
+    def merge(self, other: TileStore) -> None:
+        """Add all tiles of another store with the same side; errors as in `add`."""
+        self._check_sum(other._most())
+        # A list of parts first: a store added to itself must not change while it is read.
+        parts = other.chunks() if other is not self else list(other.chunks())
+        for coords, units in parts:
+            self.add(coords, units)
+
+    def _check_sum(self, more: int) -> None:
+        if more + self._most() > MAX_UNITS:
             raise MapTooLargeError(
                 "a cell's weight would pass 2^46 votes (2^62 units): "
                 "the same evidence has been added many times over"
             )
-        add_tiles(self.arrays, np.ascontiguousarray(coords), np.ascontiguousarray(units))
 
     def _most(self) -> int:
         # An upper bound is enough here, and cheap: the narrow level holds at most 255 votes.
         wide = self.arrays.wide[: int(self.arrays.counts[WIDE_COUNT])]
         return (int(wide.max()) if wide.size else 0) + (255 << FRACTION_BITS)
-
-    def copy(self) -> TileStore:
-        """A store of its own with the same weights."""
-        twin = TileStore(self.ndim, self.side)
-        for coords, units in self.chunks():
-            twin.add(coords, units)
-        return twin

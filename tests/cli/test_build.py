@@ -191,7 +191,7 @@ def test_nothing_usable(run: Run, tmp_path: Path, content: bytes, said: str) -> 
 
 def test_directory_and_missing_file(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "x.zarr"
-    assert "is a directory" in run("build", tmp_path, "--resolution", 0.1, "-o", out).line
+    assert "no scans in this folder" in run("build", tmp_path, "--resolution", 0.1, "-o", out).line
     assert "no such file" in run("build", tmp_path / "n", "--resolution", 0.1, "-o", out).line
 
 

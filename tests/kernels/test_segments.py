@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -107,22 +108,31 @@ def test_wide_hits_equal_the_oracle(scan: tuple[Point, list[Beam]], votes: str) 
 
 
 @given(
-    st.tuples(on_borders, on_borders),
-    st.tuples(on_borders, on_borders),
-    st.tuples(st.integers(-3, 3), st.integers(-3, 3)),
+    st.tuples(anywhere, st.sampled_from([-0.75, 0.5])),
+    st.integers(-4, 4),
+    st.booleans(),
+    st.booleans(),
 )
 @settings(max_examples=200)
 def test_a_tip_on_a_border_gives_the_touched_cell_nothing(
-    origin: Point, end: Point, way: tuple[int, int]
+    end: Point, way: int, upright: bool, share: bool
 ) -> None:
-    tip = (math.floor(end[0]) + way[0], math.floor(end[1]) + way[1])
-    beams = [(end, (float(tip[0]), float(tip[1])), True)]
-    evidence = EvidenceMap(1.0, votes="beam", sensor=BeamSensor(hit_width=1.0))
-    add_beams(evidence, origin, beams)
-    got, want = votes_of(evidence), oracle(origin, beams, "beam")
-    for cell in got.keys() | want.keys():
-        if got.get(cell) != want.get(cell):  # only where rounding decides which side of a corner
-            assert corner_distance(end, beams[0][1], (cell[0], cell[1])) < 1e-9
+    """However the running sum of the way to the tip is rounded."""
+    tip = (float(math.floor(end[0]) + way), end[1])
+    if upright:
+        end, tip = end[::-1], tip[::-1]
+    beams = [(end, tip, True)]
+    evidence = EvidenceMap(1.0, votes="beam", sensor=BeamSensor(hit_width=9.0, share_hit=share))
+    add_beams(evidence, (0.25, 0.25), beams)
+    got = {cell: hit for cell, (hit, _) in votes_of(evidence).items() if hit}
+    want = {cell_of(end): Fraction(1)} if end == tip else crossed(end, tip)
+    if share:
+        assert got.keys() <= want.keys()
+        for cell, part in want.items():
+            assert abs(got.get(cell, 0) - float(part * ONE)) <= 1.0
+        assert sum(got.values()) == ONE
+    else:
+        assert got == dict.fromkeys(want, ONE)
 
 
 @given(scans(st.one_of(anywhere, on_borders), width=2.5), st.sampled_from(["scan", "beam"]))
@@ -134,8 +144,8 @@ def test_shared_hits(scan: tuple[Point, list[Beam]], votes: str) -> None:
     add_beams(whole, origin, beams)
     exact = map_scan(origin, beams, votes, True, passed)
     got = votes_of(whole)
-    for cell in got.keys() | {(x, y) for x, y in exact}:
-        want = exact.get((cell[0], cell[1]), (0, 0))[0] * ONE
+    for cell in got.keys() | set(exact):
+        want = float(exact[cell[0], cell[1]][0] * ONE) if cell in exact else 0.0
         slack = len(beams) if votes == "beam" else 1
         assert abs(got.get(cell, (0, 0))[0] - want) <= slack + 1e-3
     if votes == "beam":
@@ -158,6 +168,8 @@ def test_blocks_change_no_bit(
     scan: tuple[Point, list[Beam]], kind: tuple[str, float], side: int, window: int
 ) -> None:
     origin, beams = scan
+    if kind[1] == 0:
+        beams = [(end, end, hit) for end, _, hit in beams]
     sensor = BeamSensor(hit_width=kind[1], share_hit=True)
     whole = EvidenceMap(1.0, votes=kind[0], sensor=sensor)
     add_beams(whole, origin, beams)
@@ -243,6 +255,9 @@ def test_fans_equal_the_oracle(scan: tuple[Point, list[Beam]]) -> None:
         ((0.0, 1.0), (3.0, 1.0), {(0, 1), (1, 1), (2, 1)}),
         ((1.0, 0.0), (1.0, -2.0), {(1, -1)}),
         ((0.25, 0.75), (0.25, 0.75), set()),
+        # Level, a hair below a border: fixed point would round it into the next row.
+        ((0.5, 1.0 - 2.0**-52), (3.5, 1.0 - 2.0**-52), {(0, 0), (1, 0), (2, 0)}),
+        ((1.0 - 2.0**-52, 3.5), (1.0 - 2.0**-52, 0.5), {(0, 3), (0, 2), (0, 1)}),
         ((0.0, 2.0), (2.0, 0.0), {(0, 1), (1, 0)}),
     ],
 )
@@ -250,7 +265,7 @@ def test_by_hand(start: Point, end: Point, want: set[Cell]) -> None:
     for votes in ("scan", "beam"):
         evidence = EvidenceMap(1.0, votes=votes)
         add_beams(evidence, start, [(end, end, True)])
-        expected = {cell: (0, ONE) for cell in want} | {cell_of(end): (ONE, 0)}
+        expected = dict.fromkeys(want, (0, ONE)) | {cell_of(end): (ONE, 0)}
         assert votes_of(evidence) == expected
 
 
@@ -265,16 +280,23 @@ def test_the_two_oracles_agree(scan: tuple[Point, list[Beam]]) -> None:
 
 
 @pytest.mark.parametrize("votes", ["scan", "beam"])
-@pytest.mark.parametrize("end", [(2_000_000.3, 97.7), (-96.2, -2_000_000.9)])
+@pytest.mark.parametrize(
+    "end",
+    [
+        (100_000.3, 97.7),
+        pytest.param((2_000_000.3, 97.7), marks=pytest.mark.slow),
+        pytest.param((-96.2, -2_000_000.9), marks=pytest.mark.slow),
+    ],
+)
 def test_the_longest_segment(votes: str, end: Point) -> None:
     """Beams of 2 million cells stay exact, near the limit of fixed point."""
     origin, beams = (0.37, 0.61), [(end, end, True)]
     evidence = EvidenceMap(1.0, votes=votes)
     add_beams(evidence, origin, beams)
     got, want = votes_of(evidence), oracle(origin, beams, votes)
-    assert len(want) > 2_000_000
+    assert len(want) > 100_000
     # At most 1 in 100,000, and those next to a corner.
-    assert assert_same(got, want, origin, beams) <= 20
+    assert assert_same(got, want, origin, beams) <= len(want) // 100_000
 
 
 @pytest.mark.realdata
@@ -284,10 +306,10 @@ def test_intel_equals_the_oracle(data_folder: Path, votes: str) -> None:
     resolution, cells, differ = 0.05, 0, 0
     sensor = BeamSensor(range_max=40.0)
     for number, scan in enumerate(log):
-        if number % 150:
+        if number % 40:
             continue
         evidence = EvidenceMap(resolution, votes=votes, sensor=sensor)
-        oddsmap.integrate(evidence, [scan])
+        oddsmap.add_scans(evidence, [scan])
         x, y = (float(v) for v in scan.map_from_sensor.translation / resolution)
         beams: list[Beam] = []
         for end, _, hit in naive_segments(sensor, [scan]):
@@ -297,7 +319,7 @@ def test_intel_equals_the_oracle(data_folder: Path, votes: str) -> None:
         assert len(want) > 100
         cells += len(want)
         differ += assert_same(got, want, (x, y), beams)
-    assert cells > 10_000
+    assert cells > 30_000
     assert differ <= cells / 100_000
 
 
@@ -311,13 +333,11 @@ def test_scans_by_way_of_metres_equal_the_oracle() -> None:
             ranges[::7] = np.inf
             scan = fan_scan(offset + 1.23, -offset - 0.77, 0.3, ranges, step=math.pi / 45)
             evidence = EvidenceMap(0.1, votes=votes, sensor=sensor)
-            oddsmap.integrate(evidence, [scan])
+            oddsmap.add_scans(evidence, [scan])
             beams: list[Beam] = []
             for end, _, hit in naive_segments(sensor, [scan]):
                 point = (float(end[0] / 0.1), float(end[1] / 0.1))
                 beams.append((point, point, hit))
             x, y = (float(v) for v in scan.map_from_sensor.translation / 0.1)
-            off = assert_same(
-                votes_of(evidence), oracle((x, y), beams, votes), (x, y), beams
-            )
+            off = assert_same(votes_of(evidence), oracle((x, y), beams, votes), (x, y), beams)
             assert off <= 1

@@ -37,7 +37,9 @@ def reach(
     return far, ~(unseen | over), +skipped
 
 
-def segments(sensor: BeamSensor, scans: Sequence[Scan]) -> list[tuple[FloatArray, FloatArray, bool]]:
+def segments(
+    sensor: BeamSensor, scans: Sequence[Scan]
+) -> list[tuple[FloatArray, FloatArray, bool]]:
     """(end of the free part, end of the occupied part, hit?) of each usable beam, metres."""
     found = []
     for scan in scans:

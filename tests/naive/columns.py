@@ -1,4 +1,4 @@
-"""Which cells does a segment pass? Exact, one column of cells at a time: fast enough for real logs."""
+"""Which cells does a segment pass? Exact, by columns of cells: fast enough for real logs."""
 
 from __future__ import annotations
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.naive import floor_plan_oracle as oracle
 
 from oddsmap.errors import InputError
 from oddsmap.simulate import Disc, FloorPlan, Polygon, Rectangle, Shape, walls_around
+from tests.naive import floor_plan_oracle as oracle
 
 # Surfaces grown by 1 um: it moves the point where a ray grazes a disc of 4 m by up to 3 mm.
 SLACK = 1e-6

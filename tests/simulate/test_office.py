@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 import pytest
-from tests.naive import floor_plan_oracle as oracle
 
 from oddsmap.errors import ConfigError
 from oddsmap.simulate import Disc, Lidar2D, Rectangle, office_drive, office_plan
+from tests.naive import floor_plan_oracle as oracle
 
 
 def test_the_drive_keeps_its_distance() -> None:

@@ -12,6 +12,7 @@ import typer
 if TYPE_CHECKING:
     from oddsmap.evidence import EvidenceMap
     from oddsmap.scan import Log
+    from oddsmap.voxels import VoxelMap
 
 __all__ = ["HELP", "info"]
 
@@ -20,23 +21,29 @@ HELP = """Say what is in a log or in a map.
 \b
   oddsmap info intel.log.gz
   oddsmap info intel.zarr --json
+  oddsmap info hall.bt
 """
 
 
 def info(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="A log, or a saved map.")],
+    path: Annotated[
+        Path, typer.Argument(metavar="PATH", help="A log, a saved map, or an OctoMap.")
+    ],
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Say what is in a log or in a map: see `HELP`."""
+    from oddsmap.export.octomap_reader import is_octomap, load_octomap
     from oddsmap.store import is_map
 
     if is_map(path):
         from oddsmap.store import load_map
 
         facts = _of_map(load_map(path), path)
+    elif is_octomap(path):
+        facts = _of_octomap(load_octomap(path), path)
     else:
         from oddsmap.readers import open_log
 
@@ -112,4 +119,30 @@ def _of_map(evidence: EvidenceMap, path: Path) -> dict[str, Any]:
     for axis, name in enumerate("xyz"[: evidence.ndim] if bounds is not None else ""):
         assert bounds is not None
         facts[f"{name} [m]"] = [float(end[axis]) * evidence.resolution for end in bounds]
+    return facts
+
+
+def _of_octomap(voxels: VoxelMap, path: Path) -> dict[str, Any]:
+    import numpy as np
+
+    from oddsmap.probability_map import State
+
+    state, cells = voxels.state(), voxels.side**3
+    facts: dict[str, Any] = {
+        "map": str(path),
+        "format": "OctoMap",
+        "resolution": voxels.resolution,
+        "leaves": voxels.leaf_count,
+        "cells known": voxels.cell_count,
+    }
+    for kind in (State.FREE, State.UNDECIDED, State.OCCUPIED):
+        facts[kind.name.lower()] = int(cells[state == kind].sum())
+    sizes, counts = np.unique(voxels.side, return_counts=True)
+    facts["leaf sizes"] = {
+        f"{size * voxels.resolution:g} m": int(n) for size, n in zip(sizes, counts, strict=True)
+    }
+    bounds = voxels.bounds()
+    for axis, name in enumerate("xyz" if bounds is not None else ""):
+        assert bounds is not None
+        facts[f"{name} [m]"] = [float(end[axis]) * voxels.resolution for end in bounds]
     return facts

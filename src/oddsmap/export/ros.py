@@ -132,8 +132,10 @@ def _scale_greys(
         usable = read == wanted
         if wanted == State.UNDECIDED:
             # Near a threshold the nearest grey may read as a p beyond it: the next one does not.
-            usable &= (meaning > limits.free) & (meaning < limits.occupied)
             _check_between(int(np.count_nonzero(usable)), limits)
+            inside = usable & (meaning > limits.free) & (meaning < limits.occupied)
+            # Thresholds less than 0.07 apart may leave no such grey; then the nearest has to do.
+            usable = inside if inside.any() else usable
         choice = np.flatnonzero(usable)[::-1]  # from bright to dark: p ascending
         middle = (meaning[choice][1:] + meaning[choice][:-1]) / 2.0
         grey[cells] = choice[np.searchsorted(middle, probability[cells])]

@@ -8,18 +8,39 @@ much as the mapping itself. The readable version is in tests/naive/beams.py.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import kernel
 
-__all__ = ["BELOW", "LOST", "NAN", "cell_bounds", "cut_beams"]
+__all__ = ["BELOW", "LOST", "NAN", "ScanCells", "cell_bounds", "cut_beams"]
 
 NAN, BELOW, LOST = 0, 1, 2
-"""Why a beam is skipped: no number, below range_min, a no-return that clears nothing."""
+"""Why a beam is skipped: range or direction is no number, below range_min, or nothing to clear."""
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+class ScanCells(NamedTuple):
+    """A batch of scans of m segments in all, coordinates in cells (position / resolution)."""
+
+    origins: FloatArray
+    """Sensor positions, shape (scans, d)."""
+    offsets: IntArray
+    """First segment of each scan and the end, shape (scans + 1,)."""
+    ends: FloatArray
+    """Where the free part of each segment ends, shape (m, d): its cell gets no pass."""
+    tips: FloatArray
+    """Where the occupied part ends, shape (m, d); equal to `ends` for one occupied cell."""
+    hit: npt.NDArray[np.bool_]
+    """False where nothing was seen and the segment only clears, shape (m,)."""
+    tiles_lo: IntArray
+    """First tile of each scan's window, shape (scans, d)."""
+    tiles_hi: IntArray
+    """Past its last tile, shape (scans, d)."""
 
 
 @kernel
@@ -57,10 +78,23 @@ def cut_beams(
         skipped: counts by NAN, BELOW, LOST, added to.
     """
     range_min, range_max, clear_unseen, clear_over = limits
-    d = origins.shape[1]
+    # Scalars for three axes, the third of which rests in the plane: loops over axes of a length
+    # known only at run time cost three times as much.
+    space = origins.shape[1] == 3
     used = 0
     offsets[0] = 0
+    ox, oy, oz = 0.0, 0.0, 0.0
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+    dz = 0.0
     for scan in range(origins.shape[0]):
+        ox, oy = origins[scan, 0], origins[scan, 1]
+        xx, xy = rotations[scan, 0, 0], rotations[scan, 0, 1]
+        yx, yy = rotations[scan, 1, 0], rotations[scan, 1, 1]
+        if space:
+            oz = origins[scan, 2]
+            xz, yz = rotations[scan, 0, 2], rotations[scan, 1, 2]
+            zx, zy, zz = rotations[scan, 2, 0], rotations[scan, 2, 1], rotations[scan, 2, 2]
+        start = starts[scan] if shared else 0
         for i in range(starts[scan], starts[scan + 1]):
             reading = ranges[i]
             if math.isnan(reading):
@@ -76,15 +110,24 @@ def cut_beams(
                 if math.isnan(reach):
                     skipped[LOST] += 1
                     continue
+            dx, dy = directions[i - start, 0], directions[i - start, 1]
+            rx, ry, rz = xx * dx + xy * dy, yx * dx + yy * dy, 0.0
+            if space:
+                dz = directions[i - start, 2]
+                rx, ry, rz = rx + xz * dz, ry + yz * dz, zx * dx + zy * dy + zz * dz
+            if not math.isfinite(rx + ry + rz):
+                skipped[NAN] += 1
+                continue
             half = half_width if seen else 0.0
-            k = i - starts[scan] if shared else i
-            for row in range(d):
-                ray = 0.0
-                for column in range(d):
-                    ray += rotations[scan, row, column] * directions[k, column]
-                ends[used, row] = origins[scan, row] + ray * max(reach - half, 0.0)
-                if half_width > 0.0:
-                    tips[used, row] = origins[scan, row] + ray * (reach + half)
+            near = max(reach - half, 0.0)
+            ends[used, 0], ends[used, 1] = ox + rx * near, oy + ry * near
+            if space:
+                ends[used, 2] = oz + rz * near
+            if half_width > 0.0:
+                far = reach + half
+                tips[used, 0], tips[used, 1] = ox + rx * far, oy + ry * far
+                if space:
+                    tips[used, 2] = oz + rz * far
             hit[used] = seen
             used += 1
         offsets[scan + 1] = used
@@ -110,16 +153,27 @@ def cell_bounds(
         way: sum over a scan's points of their distance along the axes from the first `lo`
             (the sensor) [cells], shape (scans,): bounds how many cells are passed.
     """
-    d = points.shape[1]
-    for axis in range(d):
-        for scan in range(offsets.shape[0] - 1):
-            sensor = lo[scan, axis]
-            least, most, total = sensor, hi[scan, axis], 0.0
-            for i in range(offsets[scan], offsets[scan + 1]):
-                # By division: 0.15 / 0.05 is below 3 and lies in cell 2, 0.15 * 20 is 3.
-                value = points[i, axis] / resolution
-                points[i, axis] = value
-                least, most = min(least, value), max(most, value)
-                total += abs(value - sensor)
-            lo[scan, axis], hi[scan, axis] = least, most
-            way[scan] += total
+    space = points.shape[1] == 3
+    z0, z1, sz = 0.0, 0.0, 0.0
+    for scan in range(offsets.shape[0] - 1):
+        sx, sy = lo[scan, 0], lo[scan, 1]
+        x0, x1, y0, y1 = sx, hi[scan, 0], sy, hi[scan, 1]
+        if space:
+            sz = lo[scan, 2]
+            z0, z1 = sz, hi[scan, 2]
+        total = 0.0
+        for i in range(offsets[scan], offsets[scan + 1]):
+            # By division: 0.15 / 0.05 is below 3 and lies in cell 2, 0.15 * 20 is 3.
+            x, y = points[i, 0] / resolution, points[i, 1] / resolution
+            points[i, 0], points[i, 1] = x, y
+            x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
+            total += abs(x - sx) + abs(y - sy)
+            if space:
+                z = points[i, 2] / resolution
+                points[i, 2] = z
+                z0, z1 = min(z0, z), max(z1, z)
+                total += abs(z - sz)
+        lo[scan, 0], hi[scan, 0], lo[scan, 1], hi[scan, 1] = x0, x1, y0, y1
+        if space:
+            lo[scan, 2], hi[scan, 2] = z0, z1
+        way[scan] += total

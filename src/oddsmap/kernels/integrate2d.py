@@ -9,11 +9,11 @@ is gone through once a block; which block a cell falls in changes no bit.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.kernels.beams import ScanCells
 from oddsmap.kernels.jit import kernel
 from oddsmap.kernels.segments import emit_passes, saturated_slabs, set_up
 from oddsmap.kernels.tiles import (
@@ -26,8 +26,9 @@ from oddsmap.kernels.tiles import (
     has_room,
     make_room_for_vote,
 )
+from oddsmap.kernels.zone import zone_cells
 
-__all__ = ["DONE", "FULL", "OVERFLOW", "ScanArrays", "count_votes", "mark_votes"]
+__all__ = ["DONE", "FULL", "OVERFLOW", "count_votes", "mark_votes"]
 
 DONE, FULL, OVERFLOW = 0, 1, 2
 """All scans done; more tiles must be made room for first; a cell passed MAX_UNITS."""
@@ -39,27 +40,8 @@ _COARSEST = 16
 _FREE, _OCCUPIED = 1, 2
 
 
-class ScanArrays(NamedTuple):
-    """A batch of scans of m segments in all, coordinates in cells (position / resolution)."""
-
-    origins: npt.NDArray[np.float64]
-    """Sensor positions, shape (scans, 2)."""
-    offsets: npt.NDArray[np.int64]
-    """First segment of each scan and the end, shape (scans + 1,)."""
-    ends: npt.NDArray[np.float64]
-    """Where the free part of each segment ends, shape (m, 2): its cell gets no pass."""
-    tips: npt.NDArray[np.float64]
-    """Where the occupied part ends, shape (m, 2); equal to `ends` for one occupied cell."""
-    hit: npt.NDArray[np.bool_]
-    """False where nothing was seen and the segment only clears, shape (m,)."""
-    tiles_lo: npt.NDArray[np.int64]
-    """First tile of each scan's window, shape (scans, 2)."""
-    tiles_hi: npt.NDArray[np.int64]
-    """Past its last tile, shape (scans, 2)."""
-
-
 @kernel
-def _describe(scans: ScanArrays, scan: int, table: npt.NDArray[np.int64]) -> None:
+def _describe(scans: ScanCells, scan: int, table: npt.NDArray[np.int64]) -> None:
     ox, oy = scans.origins[scan]
     first = scans.offsets[scan]
     for i in range(first, scans.offsets[scan + 1]):
@@ -68,7 +50,7 @@ def _describe(scans: ScanArrays, scan: int, table: npt.NDArray[np.int64]) -> Non
 
 @kernel
 def _window_box(
-    scans: ScanArrays,
+    scans: ScanCells,
     scan: int,
     block: tuple[int, int],
     block_tiles: int,
@@ -91,7 +73,7 @@ def _window_box(
 def mark_votes(
     tiles: TileArrays,
     side: int,
-    scans: ScanArrays,
+    scans: ScanCells,
     first: int,
     window: npt.NDArray[np.uint8],
     block_tiles: int,
@@ -162,7 +144,7 @@ def _mark_passes(
 
 @kernel
 def _mark_hits(
-    scans: ScanArrays,
+    scans: ScanCells,
     scan: int,
     box: npt.NDArray[np.int64],
     stride: int,
@@ -230,7 +212,7 @@ def _clear_margin(window: npt.NDArray[np.generic], stride: int, height: int) -> 
 def count_votes(
     tiles: TileArrays,
     side: int,
-    scans: ScanArrays,
+    scans: ScanCells,
     first: int,
     window: npt.NDArray[np.int64],
     block_tiles: int,
@@ -238,6 +220,8 @@ def count_votes(
     buffer: npt.NDArray[np.int32],
     every_beam: bool,
     share: bool,
+    cells: npt.NDArray[np.int64],
+    weights: npt.NDArray[np.int64],
 ) -> tuple[int, int]:
     """Votes that add up (`every_beam`), or hits with a width; in units of 1/65536 vote.
 
@@ -254,6 +238,8 @@ def count_votes(
             weight of the scan, and only if that is 0 the largest pass weight.
         share: True: the cells of one beam's occupied part share one hit by length; False: each
             gets a whole one.
+        cells: room for the cells of one occupied part, shape (enough, 2).
+        weights: room for their weights, shape (enough,).
 
     Returns:
         The scan to go on with, and DONE, FULL or OVERFLOW.
@@ -275,7 +261,10 @@ def count_votes(
                     slabs = emit_passes(table, i - begin, 0, box, clipped, stride, buffer)
                     _count_passes(window[PASSES], buffer, slabs, every_beam)
                     if scans.hit[i]:
-                        _count_hits(scans, scan, i, box, stride, window[HITS], every_beam, share)
+                        _count_hits(
+                            scans, scan, i, box, stride, window[HITS],
+                            every_beam, share, cells, weights,
+                        )  # fmt: skip
                 key[0] = scans.tiles_lo[scan, 0] + block_x * block_tiles
                 key[1] = scans.tiles_lo[scan, 1] + block_y * block_tiles
                 if not _apply_counts(tiles, side, window, stride, box, key, every_beam):
@@ -300,7 +289,7 @@ def _count_passes(
 
 @kernel
 def _count_hits(
-    scans: ScanArrays,
+    scans: ScanCells,
     scan: int,
     i: int,
     box: npt.NDArray[np.int64],
@@ -308,47 +297,16 @@ def _count_hits(
     window: npt.NDArray[np.int64],
     every_beam: bool,
     share: bool,
+    cells: npt.NDArray[np.int64],
+    weights: npt.NDArray[np.int64],
 ) -> None:
-    """Give the hits of one beam: to every cell between its end and its tip, both included.
-
-    The way is short (the sensor's depth resolution), so it is gone in plain steps from border to
-    border (Amanatides and Woo 1987) in double precision.
-    """
-    cell = np.empty(2, np.int64)
-    last = np.empty(2, np.int64)
-    step = np.empty(2, np.int64)
-    until = np.empty(2, np.float64)  # share of the way at which the next border is met, per axis
-    per_cell = np.empty(2, np.float64)
-    for axis in range(2):
-        sensor = np.int64(math.floor(scans.origins[scan, axis]))
-        start, stop = scans.ends[i, axis], scans.tips[i, axis]
-        cell[axis] = np.int64(math.floor(start)) - sensor
-        # A tip on a border belongs to the cell before it: the next one is only touched.
-        last[axis] = np.int64(math.ceil(stop) - 1.0 if stop > start else math.floor(stop)) - sensor
-        step[axis] = 1 if stop > start else -1
-        way = abs(stop - start)
-        per_cell[axis] = 1.0 / way if way > 0 else np.inf
-        to_border = math.floor(start) + 1.0 - start if stop > start else start - math.floor(start)
-        until[axis] = to_border * per_cell[axis] if way > 0 else np.inf
-    entered, given = 0.0, np.int64(0)
-    while True:
-        at_end = cell[0] == last[0] and cell[1] == last[1]
-        axis = 0 if until[0] < until[1] else 1
-        gone = 1.0 if at_end else min(1.0, until[axis])
-        # Differences of a rounded running sum: the shares of one beam add up to ONE exactly.
-        total = np.int64(np.rint(gone * ONE))
-        weight = total - given if share else np.int64(ONE)
-        inside = box[0] <= cell[0] < box[1] and box[2] <= cell[1] < box[3]
-        if inside and (gone > entered or until[0] == until[1] == np.inf):
-            at = (cell[1] - box[2] + 1) * stride + cell[0] - box[0] + 1
-            window[at] = window[at] + weight if every_beam else max(window[at], weight)
-        if at_end:
-            return
-        entered, given = gone, total
-        if cell[axis] == last[axis]:
-            axis = 1 - axis  # rounding must not carry the walk past its last cell
-        cell[axis] += step[axis]
-        until[axis] += per_cell[axis]
+    x_cell = np.int64(math.floor(scans.origins[scan, 0]))
+    y_cell = np.int64(math.floor(scans.origins[scan, 1]))
+    for k in range(zone_cells(scans.ends, scans.tips, i, share, cells, weights)):
+        x, y = cells[k, 0] - x_cell, cells[k, 1] - y_cell
+        if box[0] <= x < box[1] and box[2] <= y < box[3]:
+            at = (y - box[2] + 1) * stride + x - box[0] + 1
+            window[at] = window[at] + weights[k] if every_beam else max(window[at], weights[k])
 
 
 @kernel

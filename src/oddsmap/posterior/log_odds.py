@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     import xarray
 
     from oddsmap.export.ros_reader import RosMode
+    from oddsmap.voxels import VoxelMap
 
 __all__ = ["LogOdds", "sigmoid"]
 
@@ -53,7 +54,7 @@ class LogOdds:
     """p(m | z_1:t) of each cell, cells independent of each other.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
-    box of known cells. Arrays have shape (ny, nx), row = y ascending.
+    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in space.
 
     Args:
         evidence: the map; what is added to it later shows in the view.
@@ -113,7 +114,10 @@ class LogOdds:
 
     def state(self, region: Region | None = None) -> npt.NDArray[np.int8]:
         """Unknown, free, undecided or occupied: values of `oddsmap.State`."""
-        return self.to_probability_map(region).state(self.thresholds)
+        hits, passes = self.evidence.region(*self._region(region))
+        return self.thresholds.state(
+            sigmoid(self.of_votes(hits, passes)), observed=(hits > 0) | (passes > 0)
+        )
 
     def cells(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """The cells with evidence: index, shape (n, d), x first, and probability, shape (n,)."""
@@ -124,7 +128,8 @@ class LogOdds:
         """Probabilities with their place in the world, without the counts."""
         if self.evidence.ndim != 2:
             raise InputError(
-                "a picture or a ROS map needs a map of the plane, this one is of space"
+                "a picture or a ROS map needs a map of the plane, this one is of space: "
+                "oddsmap.project makes one of a band of heights (--z-min, --z-max)"
             )
         lo, hi = self._region(region)
         resolution = self.evidence.resolution
@@ -135,6 +140,19 @@ class LogOdds:
             resolution=resolution,
             origin=(float(lo[0]) * resolution, float(lo[1]) * resolution),
         )
+
+    def to_voxels(self) -> VoxelMap:
+        """Log odds of the known cells of a map of space, without the counts.
+
+        Raises:
+            InputError: a map of the plane.
+        """
+        from oddsmap.voxels import VoxelMap
+
+        if self.evidence.ndim != 3:
+            raise InputError("an OctoMap or a PLY needs a map of space, this one is of the plane")
+        index, hits, passes = self.evidence.cells()
+        return VoxelMap(index, self.of_votes(hits / ONE, passes / ONE), self.evidence.resolution)
 
     def to_xarray(self, region: Region | None = None) -> xarray.DataArray:
         """Probabilities with coordinates of the cells' centres [m]; needs the extra `xarray`.
@@ -200,6 +218,20 @@ class LogOdds:
             resolution=self.evidence.resolution,
             force=force,
         )
+
+    def save_octomap(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        clamp: tuple[float, float] | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write a `.bt` or `.ot`: see `oddsmap.export.octomap_writer.save_octomap`."""
+        self.to_voxels().save_octomap(path, clamp=clamp, thresholds=self.thresholds, force=force)
+
+    def save_ply(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write the occupied cells as points: see `oddsmap.export.ply.save_ply`."""
+        self.to_voxels().save_ply(path, thresholds=self.thresholds, force=force)
 
     def _region(self, region: Region | None) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         if region is not None:

@@ -1,16 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which reader reads a file: chosen by its content, never by its suffix."""
+"""Which reader reads a file or a folder: chosen by its content, never by its suffix.
+
+The files *in* a folder are told apart by their suffixes: nothing in a KITTI `.bin` says what it is.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from oddsmap.errors import InputError
-from oddsmap.readers import carmen, npz_beams
+from oddsmap.poses import Pose3
+from oddsmap.readers import (
+    carmen,
+    npz_beams,
+    octomap_graph,
+    pcd,
+    ply,
+    rgbd_folder,
+    scan_folder,
+)
 from oddsmap.readers.container import Source, open_source
+from oddsmap.readers.given import FilePath, Given
 from oddsmap.scan import Log
+from oddsmap.sensors.depth_camera import PinholeCamera
+from oddsmap.trajectory import Trajectory
 
 __all__ = ["READERS", "Reader", "open_log"]
 
@@ -22,44 +38,121 @@ class Reader:
     Args:
         name: name of the format in the plural, for people.
         matches: whether the first 64 KiB of decompressed content are of this format.
-        open: reads the whole content; raises InputError where no usable scan is in it.
+        open: reads the whole content, with what the caller says of it; raises InputError where no
+            usable scan is in it.
     """
 
     name: str
     matches: Callable[[bytes], bool]
-    open: Callable[[Source], Log]
+    open: Callable[[Source, Given], Log]
+
+
+def _alone(name: str, open_source_alone: Callable[[Source], Log]) -> Callable[[Source, Given], Log]:
+    """A reader of logs of the plane, which say everything themselves."""
+
+    def open_alone(source: Source, given: Given) -> Log:
+        given.refuse(source.path, name, "poses", "times", "body_from_sensor", "camera")
+        return open_source_alone(source)
+
+    return open_alone
 
 
 # Asked in this order: formats with magic bytes first, texts after them.
 READERS: tuple[Reader, ...] = (
-    Reader("NPZ beam logs", npz_beams.matches, npz_beams.open_npz_beams),
-    Reader("CARMEN logs", carmen.matches, carmen.open_carmen),
+    Reader(
+        "NPZ beam logs",
+        npz_beams.matches,
+        _alone("an NPZ beam log", npz_beams.open_npz_beams),
+    ),
+    Reader("PCD scans", pcd.matches, scan_folder.open_single_cloud("PCD", pcd.read_pcd)),
+    Reader("PLY scans", ply.matches, scan_folder.open_single_cloud("PLY", ply.read_ply)),
+    Reader("OctoMap scan graphs", octomap_graph.matches, octomap_graph.open_octomap_graph),
+    Reader("CARMEN logs", carmen.matches, _alone("a CARMEN log", carmen.open_carmen)),
 )
 
 
-def open_log(path: str | os.PathLike[str], *, skip_bad: bool = False) -> Log:
-    """Open a log of range readings with poses.
+def open_log(
+    path: FilePath,
+    *,
+    poses: FilePath | Trajectory | None = None,
+    times: FilePath | None = None,
+    body_from_sensor: Pose3 | None = None,
+    camera: PinholeCamera | None = None,
+    skip_bad: bool = False,
+    tolerance_s: float = 0.02,
+) -> Log:
+    """Open a log of range readings with poses: a file, or a folder of scans.
 
     The format is recognized by its content, under gzip or bzip2 as well. A bad line or reading is
-    skipped and counted in the log's `skipped`, always.
+    skipped and counted in the log's `skipped`, always. The scans of a folder are read one by one
+    while one iterates, and not kept.
 
     Args:
-        path: the file.
-        skip_bad: of a truncated or corrupt gzip or bzip2 file, use the readable part and count
-            `container.truncated`.
+        path: the file, or a folder of point clouds or depth images.
+        poses: the poses of clouds and depth images, KITTI or TUM, or a trajectory; by default the
+            file of poses in the folder.
+        skip_bad: skip files of a folder that cannot be read and count them (`scan.unreadable`),
+            and images without a pose (`scan.no_pose`). Of a truncated or corrupt gzip or bzip2
+            file, or scan graph, use the readable part and count `container.truncated`.
+        times: the stamp of each scan, one number of seconds a line; by default `times.txt` in a
+            folder of point clouds.
+        body_from_sensor: pose of the sensor in the frame whose poses are given.
+        camera: the intrinsics of depth images; by default those in the folder.
+        tolerance_s: how far the nearest pose may be from a stamp [s].
 
     Returns:
         The scans in file order, and what had to be skipped to get them.
 
     Raises:
-        InputError: the file cannot be read, is of no known format, or holds no usable scan.
+        InputError: the file cannot be read, is of no known format, or holds no usable scan; poses
+            are missing, or do not fit the scans; or an argument says what the log says itself.
     """
+    given = Given(
+        poses=poses,
+        times=times,
+        body_from_sensor=body_from_sensor,
+        camera=camera,
+        skip_bad=skip_bad,
+        tolerance_s=tolerance_s,
+    )
+    if Path(path).is_dir():
+        return _open_folder(os.fspath(path), given)
     source = open_source(path, skip_bad=skip_bad)
     for reader in READERS:
         if reader.matches(source.head):
-            return reader.open(source)
-    known = " and ".join(reader.name for reader in READERS)
+            return reader.open(source, given)
+    *names, last = (reader.name for reader in READERS)
     raise InputError(
         f"{source.path}: unknown file type (it starts with {source.content[:16]!r}): "
-        f"oddsmap reads {known}, plain or compressed with gzip or bzip2"
+        f"oddsmap reads {', '.join(names)} and {last}, plain or compressed with gzip or bzip2; "
+        "KITTI .bin scans and depth images as a folder"
     )
+
+
+def _open_folder(name: str, given: Given) -> Log:
+    folder = Path(name)
+    try:
+        kinds: list[tuple[str, Callable[[], Log]]] = []
+        if rgbd_folder.is_seven_scenes(folder):
+            kinds.append(("*.depth.png", lambda: rgbd_folder.open_seven_scenes(name, given)))
+        if rgbd_folder.is_tum_rgbd(folder):
+            kinds.append(("depth.txt", lambda: rgbd_folder.open_tum_rgbd(name, given)))
+        for suffix, files in scan_folder.find_clouds(folder).items():
+            kinds.append((f"*{suffix}", _folder_opener(name, suffix, files, given)))
+        entries = sorted(path.name for path in folder.iterdir())
+    except OSError as error:
+        raise InputError(f"{name}: the folder cannot be read ({error.strerror})") from None
+    if not kinds:
+        found = ", ".join(entries[:5]) + (", ..." if len(entries) > 5 else "")
+        raise InputError(
+            f"{name}: no scans in this folder, found {found or 'nothing'}: give a folder of *.pcd, "
+            "*.ply, *.bin or *.depth.png, a TUM RGB-D folder (depth.txt), or one log file"
+        )
+    if len(kinds) > 1:
+        names = " and ".join(kind for kind, _ in kinds)
+        raise InputError(f"{name}: {names} in one folder: leave one kind of scans in it")
+    return kinds[0][1]()
+
+
+def _folder_opener(name: str, suffix: str, files: list[Path], given: Given) -> Callable[[], Log]:
+    return lambda: scan_folder.open_scan_folder(name, suffix, files, given)

@@ -147,8 +147,8 @@ class BeamSensor:
         unknown = math.nan if self.clear_range is None else self.clear_range
         unseen = self.range_max if self.clear_range is None else self.clear_range
         cut_beams(
-            np.concatenate([np.empty(0), *(scan.ranges for scan in finite)]),
-            np.concatenate([none, *directions]),
+            _joined([scan.ranges for scan in finite], np.empty(0)),
+            _joined(directions, none),
             shared,
             starts,
             origins,
@@ -186,3 +186,10 @@ class BeamSensor:
             hit=hit[:used],
         )
         return segments, +skipped
+
+
+def _joined(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
+    # A scan of space is a batch of its own, and long: it is not copied.
+    if len(arrays) == 1:
+        return np.ascontiguousarray(arrays[0], np.float64)
+    return np.concatenate([nothing, *arrays])

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A small world to try things in: floor plan, lidar, an office and a drive through it.
+"""Small worlds to try things in, and sensors that look at them.
+
+In the plane a floor plan, an office and a drive through it; in space a town for a lidar on a car
+and a room for a depth camera.
 
 Example:
     >>> plan, lidar, rng = office_plan(), Lidar2D(), np.random.default_rng(0)
@@ -8,20 +11,37 @@ Example:
 """
 
 from oddsmap.simulate.carmen_writer import write_carmen
+from oddsmap.simulate.depth_camera import DepthCamera
 from oddsmap.simulate.floor_plan import FloorPlan
 from oddsmap.simulate.lidar2d import Lidar2D
+from oddsmap.simulate.lidar3d import Lidar3D
 from oddsmap.simulate.office import office_drive, office_plan
+from oddsmap.simulate.room import room, room_walk
 from oddsmap.simulate.shapes import Disc, Polygon, Rectangle, Shape, walls_around
+from oddsmap.simulate.solids import Box, Cylinder, Ground, Solid
+from oddsmap.simulate.town import drive3d, town
+from oddsmap.simulate.world3d import World3D
 
 __all__ = [
+    "Box",
+    "Cylinder",
+    "DepthCamera",
     "Disc",
     "FloorPlan",
+    "Ground",
     "Lidar2D",
+    "Lidar3D",
     "Polygon",
     "Rectangle",
     "Shape",
+    "Solid",
+    "World3D",
+    "drive3d",
     "office_drive",
     "office_plan",
+    "room",
+    "room_walk",
+    "town",
     "walls_around",
     "write_carmen",
 ]

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Metres become cells: the segments of a batch of scans, and a window of tiles around each scan."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import MapTooLargeError
+from oddsmap.kernels.beams import ScanCells, cell_bounds
+from oddsmap.sensors.beam import Segments
+from oddsmap.tiles import memory_limit
+
+__all__ = ["to_cells"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+# Beyond this many cells from the map's origin no precision is left within a cell.
+_MAX_COORDINATE = float(1 << 45)
+# A longer segment would leave fixed point (see kernels/segments.py).
+_MAX_LENGTH = 1 << 22
+
+
+def to_cells(
+    segments: Segments, resolution: float, side: int, max_window: int
+) -> tuple[ScanCells, int]:
+    """Scale segments to cells (their arrays are changed in place).
+
+    Args:
+        segments: what the sensor model made of a batch of scans.
+        resolution: side of a cell [m].
+        side: cells along a tile's side.
+        max_window: the most cells that one scan may span.
+
+    Returns:
+        The scans, and how many were left out because their pose is too far away.
+
+    Raises:
+        MapTooLargeError: a scan spans too many cells, or memory could not hold it.
+    """
+    segments, too_far = _without_far(segments, _MAX_COORDINATE * resolution)
+    origins, offsets = segments.origins / resolution, segments.offsets
+    lo, hi, way = origins.copy(), origins.copy(), np.zeros(len(origins))
+    cell_bounds(segments.ends, offsets, resolution, lo, hi, way)
+    if segments.tips is not segments.ends:
+        cell_bounds(segments.tips, offsets, resolution, lo, hi, np.zeros_like(way))
+    if len(origins):
+        _check_size(np.diff(offsets), way, hi - lo, resolution, side, max_window)
+    # A margin of one cell: rounding may carry a ray along a border to the cell beside it.
+    tiles_lo = (np.floor(lo).astype(np.int64) - 1) // side
+    tiles_hi = (np.floor(hi).astype(np.int64) + 1) // side + 1
+    return (
+        ScanCells(origins, offsets, segments.ends, segments.tips, segments.hit, tiles_lo, tiles_hi),
+        too_far,
+    )
+
+
+def _check_size(
+    beams: IntArray,
+    way: FloatArray,
+    span: FloatArray,
+    resolution: float,
+    side: int,
+    max_window: int,
+) -> None:
+    """Refuse a scan that memory could not hold, before any of it is done."""
+    d = span.shape[1]
+    extent = span + 2 * side
+    window = extent.prod(axis=1)
+    # Tiles of two bytes a cell: no more than a beam's way passes, nor than the window holds.
+    bytes_needed = 2.0 * np.minimum((way / side + d * beams) * float(side) ** d, window)
+    limit = memory_limit()
+    too_large = (bytes_needed > limit) | (window > max_window) | (extent.max(axis=1) >= _MAX_LENGTH)
+    if not too_large.any():
+        return
+    worst = int(np.argmax(np.where(too_large, window, 0.0)))
+    metres = " x ".join(f"{length:.4g}" for length in extent[worst] * resolution)
+    raise MapTooLargeError(
+        f"one scan spans {metres} m, {window[worst]:.1e} cells of {resolution:g} m: it alone would "
+        f"take up to {bytes_needed[worst] / 1e9:.3g} GB of memory (there are {limit / 1e9:.3g} GB; "
+        f"a scan may span {max_window:.1e} cells); use a coarser resolution, or range_max where a "
+        "reading is too long"
+    )
+
+
+def _without_far(segments: Segments, limit: float) -> tuple[Segments, int]:
+    """Leave out scans whose pose is farther than the limit [m] from the map's origin."""
+    near = np.abs(segments.origins).max(axis=1, initial=0.0) < limit
+    if near.all():
+        return segments, 0
+    lengths = np.diff(segments.offsets)
+    beams = np.repeat(near, lengths)
+    ends = segments.ends[beams]
+    kept = Segments(
+        origins=segments.origins[near],
+        offsets=np.concatenate([[0], np.cumsum(lengths[near])]),
+        ends=ends,
+        tips=ends if segments.tips is segments.ends else segments.tips[beams],
+        hit=segments.hit[beams],
+    )
+    return kept, int(np.count_nonzero(~near))

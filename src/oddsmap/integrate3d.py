@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scans of space into tiles: the step between the sensor model and the kernels."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.cells import to_cells
+from oddsmap.errors import InputError, MapTooLargeError
+from oddsmap.evidence import EvidenceMap
+from oddsmap.kernels.beams import ScanCells
+from oddsmap.kernels.count3d import apply_counts, count_scan
+from oddsmap.kernels.integrate3d import BIN_COUNT, apply_marks, mark_scan, sort_rays
+from oddsmap.scan import Scan
+from oddsmap.sensors.beam import BeamSensor
+from oddsmap.tiles import TileStore
+
+__all__ = ["Integrator3D"]
+
+# A block's place and a place within it are one number of 31 bits.
+_MAX_SCAN_CELLS = (1 << 31) - 1
+# Blocks that there is room for at first; it grows when a scan touches more.
+_FIRST_BLOCKS = 1 << 10
+
+
+class Integrator3D:
+    """Adds scans to tiles, with memory of its own to mark in: one a thread.
+
+    Marking is most of the work and touches nothing shared. Tiles are added to under a lock, so
+    that threads share one store and a second thread costs no second map.
+
+    Args:
+        evidence: the map whose resolution and kind of votes apply.
+        sensor: the sensor model of the scans to come.
+        tiles: where the votes go.
+        lock: guards the tiles; one for all integrators that share them.
+    """
+
+    def __init__(
+        self, evidence: EvidenceMap, sensor: BeamSensor, tiles: TileStore, lock: threading.Lock
+    ) -> None:
+        self.tiles = tiles
+        self._lock = lock
+        self._resolution = evidence.resolution
+        self._sensor = sensor
+        self._every_beam = evidence.votes == "beam"
+        self._marks_only = not self._every_beam and sensor.hit_width == 0
+        self._bits = tiles.side.bit_length() - 1
+        if tiles.side != 1 << self._bits:
+            raise InputError(f"tiles of space need a side that is a power of 2, got {tiles.side}")
+        self._used = np.zeros(1, np.int64)
+        self._marks = np.zeros(0, np.uint8)
+        self._weights = np.zeros((2, 0), np.int64)
+        self._table = np.zeros(0, np.int32)
+        self._spans = np.empty((BIN_COUNT, 4))
+        self._done = np.zeros(BIN_COUNT, np.int32)
+        zone = 3 * math.ceil(sensor.hit_width / evidence.resolution) + 6
+        self._zone = np.zeros((zone, 3), np.int64)
+        self._zone_weights = np.zeros(zone, np.int64)
+        self._grow(_FIRST_BLOCKS)
+
+    def add(self, scans: Sequence[Scan]) -> tuple[int, int, Counter[str]]:
+        """Add a batch: returns scans used, beams used, and what was skipped by reason."""
+        segments, skipped = self._sensor.segments(scans)
+        if len(segments.origins) and segments.origins.shape[1] != 3:
+            raise InputError("scans of the plane cannot go into a map of space")
+        cells, too_far = to_cells(segments, self._resolution, self.tiles.side, _MAX_SCAN_CELLS)
+        if too_far:
+            skipped["scan.pose_too_far"] += too_far
+        for scan in range(len(cells.origins)):
+            self._integrate(cells, scan)
+        return len(cells.origins), len(cells.hit), skipped
+
+    def _integrate(self, scans: ScanCells, scan: int) -> None:
+        tiles_lo = scans.tiles_lo[scan]
+        shape = scans.tiles_hi[scan] - tiles_lo
+        across, up = int(shape[0]), int(shape[1])
+        if len(self._table) < shape.prod():
+            self._table = np.zeros(int(shape.prod()), np.int32)
+        if self._marks_only:
+            self._mark(scans, scan, shape)
+        else:
+            self._count(scans, scan, shape)
+        with self._lock:
+            touched = int(self._used[0])
+            self.tiles.reserve(
+                touched, touched if self.tiles.any_full or not self._marks_only else 0
+            )
+            if self._marks_only:
+                fits = apply_marks(
+                    self.tiles.arrays, tiles_lo, across, up, self._table, self._used, self._marks
+                )
+            else:
+                fits = apply_counts(
+                    self.tiles.arrays, tiles_lo, across, up, self._every_beam,
+                    self._table, self._used, self._weights,
+                )  # fmt: skip
+        if not fits:
+            raise MapTooLargeError(
+                "a cell's weight has passed 2^46 votes: the same evidence was added many times"
+            )
+
+    def _mark(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
+        part = slice(int(scans.offsets[scan]), int(scans.offsets[scan + 1]))
+        origin, ends, hit = scans.origins[scan], scans.ends[part], scans.hit[part]
+        buffer = self._ray_buffer(shape)
+        bins = np.empty(len(ends), np.int32)
+        sort_rays(origin, ends, bins, self._spans)
+        self._done[:] = 0
+        first = 0
+        while first >= 0:
+            first = mark_scan(
+                origin, ends, hit, scans.tiles_lo[scan] << self._bits, self._bits,
+                _strides(shape), bins, self._spans, self._done, buffer,
+                self._table, self._used, self._marks, first,
+            )  # fmt: skip
+            if first >= 0:
+                self._grow(3 * buffer.shape[1] + len(ends))
+
+    def _count(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
+        part = slice(int(scans.offsets[scan]), int(scans.offsets[scan + 1]))
+        buffer = self._ray_buffer(shape)
+        first = 0
+        while first >= 0:
+            first = count_scan(
+                scans.origins[scan], scans.ends[part], scans.tips[part], scans.hit[part],
+                scans.tiles_lo[scan] << self._bits, self._bits, _strides(shape),
+                self._every_beam, self._sensor.share_hit, buffer,
+                self._table, self._used, self._weights, self._zone, self._zone_weights, first,
+            )  # fmt: skip
+            if first >= 0:
+                self._grow(3 * buffer.shape[1] + len(self._zone))
+
+    def _ray_buffer(self, shape: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+        return np.empty((3, (int(shape.max()) << self._bits) + 2), np.int32)
+
+    def _grow(self, more: int) -> None:
+        before = len(self._used)
+        room = 2 * before + more
+        used = np.zeros(room, np.int64)
+        used[:before] = self._used
+        cells = room << (3 * self._bits)
+        # np.zeros takes address space; memory only where a block is touched.
+        if self._marks_only:
+            marks = np.zeros(cells, np.uint8)
+            marks[: len(self._marks)] = self._marks
+            self._marks = marks
+        else:
+            weights = np.zeros((2, cells), np.int64)
+            weights[:, : self._weights.shape[1]] = self._weights
+            self._weights = weights
+        self._used = used
+
+
+def _strides(shape: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    return np.array([1, shape[0], shape[0] * shape[1]], np.int64)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scans of space whose votes add up, or whose hits have a width: weights, not marks.
+
+As `integrate3d.py`, with two weights of 64 bits a cell in place of one byte and every ray gone
+through whole: a ray that passes a marked cell has a vote to add there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.rays3d import emit_ray, ray_axis
+from oddsmap.kernels.tiles import HITS, ONE, PASSES, TileArrays, add_units, find_or_insert
+from oddsmap.kernels.zone import zone_cells
+
+__all__ = ["apply_counts", "count_scan"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+@kernel
+def count_scan(
+    origin: FloatArray,
+    ends: FloatArray,
+    tips: FloatArray,
+    hit: npt.NDArray[np.bool_],
+    lo: IntArray,
+    bits: int,
+    blocks: IntArray,
+    every_beam: bool,
+    share: bool,
+    buffer: npt.NDArray[np.int32],
+    table: npt.NDArray[np.int32],
+    used: IntArray,
+    weights: IntArray,
+    zone: IntArray,
+    zone_weights: IntArray,
+    first: int,
+) -> int:
+    """Weigh the cells that the rays of one scan pass and hit, in units of 1/65536 vote.
+
+    Args:
+        origin: start point [cells], shape (3,).
+        ends: where the free part of each ray ends [cells], shape (n, 3).
+        tips: where its occupied part ends, shape (n, 3).
+        hit: False where a ray only clears, shape (n,).
+        lo: first cell of the window, a multiple of the block's side.
+        bits: log2 of the side of a block.
+        blocks: strides of the window's blocks: 1, blocks along x, blocks along x and y.
+        every_beam: True: weights add up; False: a cell keeps the largest.
+        share: True: the cells of an occupied part share one hit by length.
+        buffer: room for one ray, shape (3, slabs + 1).
+        table: zeros, one for each block of the window.
+        used: used[0] is how many blocks were touched; then their places in the table.
+        weights: zeros, shape (2, cells of all blocks), block 0 unused.
+        zone: room for the cells of one occupied part, shape (enough, 3).
+        zone_weights: room for their weights, shape (enough,).
+        first: ray to go on with.
+
+    Returns:
+        The ray to go on with once there is room for more blocks; -1 when done.
+    """
+    shift = np.uint64(3 * bits)
+    within = (np.uint64(1) << shift) - np.uint64(1)
+    mask = (1 << bits) - 1
+    codes = np.empty(3, np.uint64)
+    room = used.shape[0] - 1
+    for i in range(first, ends.shape[0]):
+        if used[0] + 3 * buffer.shape[1] + zone.shape[0] > room:
+            return i
+        axis = ray_axis(ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2])
+        slabs = emit_ray(origin, ends, i, lo, axis, 0, bits, blocks, buffer)
+        for k in range(slabs):
+            # The three cells of a slab may be one or two: each counts once.
+            codes[0], codes[1], codes[2] = buffer[0, k], buffer[1, k], buffer[2, k]
+            for row in range(3):
+                code = codes[row]
+                if (row > 0 and code == codes[0]) or (row > 1 and code == codes[1]):
+                    continue
+                block = code >> shift
+                slot = np.uint64(table[block])
+                if slot == 0:
+                    used[0] += 1
+                    slot = np.uint64(used[0])
+                    table[block] = np.int32(slot)
+                    used[slot] = np.int64(block)
+                at = (slot << shift) + (code & within)
+                weights[PASSES, at] = weights[PASSES, at] + ONE if every_beam else ONE
+        if not hit[i]:
+            continue
+        for k in range(zone_cells(ends, tips, i, share, zone, zone_weights)):
+            block, place = np.uint64(0), np.uint64(0)
+            for axis in range(3):
+                cell = zone[k, axis] - lo[axis]
+                block += np.uint64((cell >> bits) * blocks[axis])
+                place += np.uint64((cell & mask) << (bits * axis))
+            slot = np.uint64(table[block])
+            if slot == 0:
+                used[0] += 1
+                slot = np.uint64(used[0])
+                table[block] = np.int32(slot)
+                used[slot] = np.int64(block)
+            at = (slot << shift) + place
+            before = weights[HITS, at]
+            weight = zone_weights[k]
+            weights[HITS, at] = before + weight if every_beam else max(before, weight)
+    return -1
+
+
+@kernel
+def apply_counts(
+    tiles: TileArrays,
+    first_tile: IntArray,
+    across: int,
+    up: int,
+    every_beam: bool,
+    table: npt.NDArray[np.int32],
+    used: IntArray,
+    weights: IntArray,
+) -> bool:
+    """Add weights to tiles and zero them; False where a cell passed MAX_UNITS.
+
+    Arguments as in `integrate3d.apply_marks`; hits go before passes unless `every_beam`.
+    """
+    key = np.empty(3, np.int64)
+    cells = tiles.narrow.shape[2]
+    fits = True
+    for slot in range(1, used[0] + 1):
+        block = used[slot]
+        key[0] = first_tile[0] + block % across
+        key[1] = first_tile[1] + block // across % up
+        key[2] = first_tile[2] + block // (across * up)
+        part = weights[:, slot * cells : (slot + 1) * cells]
+        if not every_beam:
+            for k in range(cells):
+                if part[HITS, k] > 0:
+                    part[PASSES, k] = 0
+        fits &= add_units(tiles, find_or_insert(tiles, key), part[HITS], part[PASSES])
+        part[:] = 0
+        table[block] = 0
+    used[0] = 0
+    return fits

@@ -1,0 +1,336 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A scan of space into tiles: mark the blocks that its rays touch, then apply them one by one.
+
+The window around a scan is a table of blocks, and a block gets memory (one byte a cell) when it is
+first touched: large windows cost their table only, and what is swept afterwards is what was marked.
+Blocks are the map's tiles, so the map's hash is asked once a block and scan.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.rays3d import emit_ray, ray_axis
+from oddsmap.kernels.tiles import (
+    HITS,
+    PASSES,
+    TileArrays,
+    find_or_insert,
+    make_room_for_vote,
+)
+
+__all__ = ["apply_marks", "mark_scan", "sort_rays"]
+
+FREE, OCCUPIED = 1, 2
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Marks = npt.NDArray[np.uint8]
+
+COARSE = 8
+"""Bins of directions along each side of a cube's face on the coarsest level, see `_advance`."""
+LEVELS = 3
+"""Each level has twice as many bins a side as the one before."""
+FINE = COARSE << (LEVELS - 1)
+BIN_COUNT = sum(6 * (COARSE << level) ** 2 for level in range(LEVELS))
+PASSES_OVER_RAYS = 7
+"""Rays are gone through in this many passes, every 11th ray in each."""
+
+
+@kernel
+def sort_rays(
+    origin: FloatArray, ends: FloatArray, bins: npt.NDArray[np.int32], spans: FloatArray
+) -> None:
+    """Sort the rays of a scan into bins of directions, on several levels.
+
+    A level has face * side^2 + (bin of slope b) * side + (bin of slope c), side = COARSE << level,
+    face = 2 * dominant axis, + 1 where the ray falls along it; the levels follow each other.
+
+    Args:
+        origin: start point [cells], shape (3,).
+        ends: end points [cells], shape (n, 3).
+        bins: takes the bin of each ray on the finest level, shape (n,).
+        spans: takes the extreme slopes of the rays of each bin, shape (BIN_COUNT, 4): least and
+            most of b, of c. A bin without rays has least > most.
+    """
+    finest = BIN_COUNT - 6 * FINE * FINE
+    spans[:, 0] = 2.0
+    spans[:, 1] = -2.0
+    spans[:, 2] = 2.0
+    spans[:, 3] = -2.0
+    for i in range(ends.shape[0]):
+        dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
+        axis = ray_axis(dx, dy, dz)
+        da, db, dc = (dx, dy, dz) if axis == 0 else ((dy, dz, dx) if axis == 1 else (dz, dx, dy))
+        scale = 1.0 / abs(da) if da != 0.0 else 0.0
+        p, q = db * scale, dc * scale
+        face = 2 * axis + (1 if da < 0 else 0)
+        at_p = min(FINE - 1, np.int64((p + 1.0) * (0.5 * FINE)))
+        at_q = min(FINE - 1, np.int64((q + 1.0) * (0.5 * FINE)))
+        at = finest + (face * FINE + at_p) * FINE + at_q
+        bins[i] = at
+        spans[at, 0] = min(spans[at, 0], p)
+        spans[at, 1] = max(spans[at, 1], p)
+        spans[at, 2] = min(spans[at, 2], q)
+        spans[at, 3] = max(spans[at, 3], q)
+    for at in range(BIN_COUNT - 1, 6 * COARSE * COARSE - 1, -1):
+        parent = _parent(at)
+        spans[parent, 0] = min(spans[parent, 0], spans[at, 0])
+        spans[parent, 1] = max(spans[parent, 1], spans[at, 1])
+        spans[parent, 2] = min(spans[parent, 2], spans[at, 2])
+        spans[parent, 3] = max(spans[parent, 3], spans[at, 3])
+
+
+@kernel
+def _level(at: int) -> tuple[int, int]:
+    # Of a bin: how many bins come before its level, and the level's side.
+    before, side = np.int64(0), np.int64(COARSE)
+    while at >= before + 6 * side * side:
+        before += 6 * side * side
+        side *= 2
+    return before, side
+
+
+@kernel
+def _parent(at: int) -> int:
+    # The bin one level up that holds this one; -1 on the coarsest.
+    before, side = _level(at)
+    if before == 0:
+        return -1
+    face, place = (at - before) // (side * side), (at - before) % (side * side)
+    half = side // 2
+    return before - 6 * half * half + (face * half + place // side // 2) * half + place % side // 2
+
+
+@kernel
+def _mark_hits(
+    ends: FloatArray,
+    hit: npt.NDArray[np.bool_],
+    lo: IntArray,
+    bits: int,
+    blocks: IntArray,
+    table: npt.NDArray[np.int32],
+    used: IntArray,
+    marks: Marks,
+) -> None:
+    shift = 3 * bits
+    mask = (1 << bits) - 1
+    for i in range(ends.shape[0]):
+        if not hit[i]:
+            continue
+        block, place = np.int64(0), np.int64(0)
+        for axis in range(3):
+            cell = np.int64(math.floor(ends[i, axis])) - lo[axis]
+            block += (cell >> bits) * blocks[axis]
+            place += (cell & mask) << (bits * axis)
+        slot = np.int64(table[block])
+        if slot == 0:
+            used[0] += 1
+            slot = used[0]
+            table[block] = np.int32(slot)
+            used[slot] = block
+        marks[(slot << shift) + place] = OCCUPIED
+
+
+@kernel
+def mark_scan(
+    origin: FloatArray,
+    ends: FloatArray,
+    hit: npt.NDArray[np.bool_],
+    lo: IntArray,
+    bits: int,
+    blocks: IntArray,
+    bins: npt.NDArray[np.int32],
+    spans: FloatArray,
+    done: npt.NDArray[np.int32],
+    buffer: npt.NDArray[np.int32],
+    table: npt.NDArray[np.int32],
+    used: IntArray,
+    marks: Marks,
+    first: int,
+) -> int:
+    """Mark the cells that the rays of one scan pass and hit, hits before passes.
+
+    Args:
+        origin: start point [cells], shape (3,).
+        ends: end points [cells], shape (n, 3).
+        hit: False where a ray only clears, shape (n,).
+        lo: first cell of the window, a multiple of the block's side.
+        bits: log2 of the side of a block.
+        blocks: strides of the window's blocks: 1, blocks along x, blocks along x and y.
+        bins: from `sort_rays`.
+        spans: from `sort_rays`.
+        done: zeros at the first call, shape (bins,): leading slabs known to be marked.
+        buffer: room for one ray, shape (3, slabs + 1).
+        table: zeros, one for each block of the window.
+        used: used[0] is how many blocks were touched; then their places in the table.
+        marks: zeros, one byte a cell, block after block, block 0 unused.
+        first: where to go on; 0 at the first call.
+
+    Returns:
+        Where to go on once there is room for more blocks in `used` and `marks`; -1 when done.
+    """
+    shift = np.uint64(3 * bits)
+    within = (np.uint64(1) << shift) - np.uint64(1)
+    count = ends.shape[0]
+    room = used.shape[0] - 1
+    at = 0
+    for begin in range(PASSES_OVER_RAYS):
+        for i in range(begin, count, PASSES_OVER_RAYS):
+            at += 1
+            if at <= first:
+                continue
+            dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
+            axis = ray_axis(dx, dy, dz)
+            slabs = emit_ray(origin, ends, i, lo, axis, done[bins[i]], bits, blocks, buffer)
+            if used[0] + 3 * slabs > room:
+                return at - 1
+            # Blocks are numbered from 1 in the order of first touch; 0 means "not touched". (Not a
+            # function of its own: passing arrays costs more than a mark does.)
+            for row in range(3):
+                for k in range(slabs):
+                    code = np.uint64(buffer[row, np.uint64(k)])
+                    block = code >> shift
+                    slot = np.uint64(table[block])
+                    if slot == 0:
+                        used[0] += 1
+                        slot = np.uint64(used[0])
+                        table[block] = np.int32(slot)
+                        used[slot] = np.int64(block)
+                    marks[(slot << shift) + (code & within)] = FREE
+        if at > first and begin < PASSES_OVER_RAYS - 1:
+            _advance(origin, lo, bits, blocks, spans, done, table, marks)
+    if used[0] + count > room:
+        return at
+    _mark_hits(ends, hit, lo, bits, blocks, table, used, marks)
+    return -1
+
+
+@kernel
+def _advance(
+    origin: FloatArray,
+    lo: IntArray,
+    bits: int,
+    blocks: IntArray,
+    spans: FloatArray,
+    done: npt.NDArray[np.int32],
+    table: npt.NDArray[np.int32],
+    marks: Marks,
+) -> None:
+    """For each bin of directions, count the leading slabs whose whole cross-section is marked.
+
+    Rays that are still to come have nothing to add there and start behind (near the sensor whole
+    regions are marked by the first few rays). It asks the marks themselves, so it changes none.
+    Coarse bins come first, and finer ones go on where they stopped: the cross-sections of fine bins
+    overlap, and near the sensor a cell would be asked for many times.
+    """
+    for at in range(BIN_COUNT):
+        if spans[at, 0] > spans[at, 1]:
+            continue
+        parent = _parent(at)
+        if parent >= 0:
+            done[at] = max(done[at], done[parent])
+        before, side = _level(at)
+        face = (at - before) // (side * side)
+        while _is_marked(
+            face, np.int64(done[at]), at, spans, origin, lo, bits, blocks, table, marks
+        ):
+            done[at] += 1
+
+
+@kernel
+def _is_marked(
+    face: int,
+    slab: int,
+    at: int,
+    spans: FloatArray,
+    origin: FloatArray,
+    lo: IntArray,
+    bits: int,
+    blocks: IntArray,
+    table: npt.NDArray[np.int32],
+    marks: Marks,
+) -> bool:
+    shift = 3 * bits
+    mask = (1 << bits) - 1
+    a = face // 2
+    b = a + 1 if a < 2 else 0
+    c = b + 1 if b < 2 else 0
+    a0, b0, c0 = origin[a] - lo[a], origin[b] - lo[b], origin[c] - lo[c]
+    if face & 1:
+        first = np.int64(math.ceil(a0)) - 1
+        cell_a, far = first - slab, a0 - first + slab
+    else:
+        first = np.int64(math.floor(a0))
+        cell_a, far = first + slab, first + 1 - a0 + slab
+    # From the near border (the start, in slab 0) to the far one, for all slopes of the bin.
+    near = max(far - 1.0, 0.0)
+    b_lo = np.int64(math.floor(b0 + min(spans[at, 0] * near, spans[at, 0] * far) - 1e-6))
+    b_hi = np.int64(math.floor(b0 + max(spans[at, 1] * near, spans[at, 1] * far) + 1e-6))
+    c_lo = np.int64(math.floor(c0 + min(spans[at, 2] * near, spans[at, 2] * far) - 1e-6))
+    c_hi = np.int64(math.floor(c0 + max(spans[at, 3] * near, spans[at, 3] * far) + 1e-6))
+    b_block, c_block = blocks[b], blocks[c]
+    b_place, c_place = bits * b, bits * c
+    a_part = (cell_a >> bits) * blocks[a]
+    a_within = (cell_a & mask) << (bits * a)
+    blocks_there = table.shape[0]
+    for cell_c in range(c_lo, c_hi + 1):
+        part = a_part + (cell_c >> bits) * c_block
+        within = a_within + ((cell_c & mask) << c_place)
+        for cell_b in range(b_lo, b_hi + 1):
+            # A cell outside the window may be taken for another one here. No ray gets there.
+            block = part + (cell_b >> bits) * b_block
+            if block < 0 or block >= blocks_there:
+                return False
+            slot = np.int64(table[np.uint64(block)])
+            place = (slot << shift) + within + ((cell_b & mask) << b_place)
+            if slot == 0 or marks[np.uint64(place)] == 0:
+                return False
+    return True
+
+
+@kernel
+def apply_marks(
+    tiles: TileArrays,
+    first_tile: IntArray,
+    across: int,
+    up: int,
+    table: npt.NDArray[np.int32],
+    used: IntArray,
+    marks: Marks,
+) -> bool:
+    """Add marks to tiles and zero them; False where a cell passed MAX_UNITS.
+
+    Args:
+        tiles: the tile store, with room for all used blocks.
+        first_tile: tile coordinates of the window's first block, shape (3,).
+        across: blocks of the window along x.
+        up: blocks of the window along y.
+        table: see `mark_scan`; zeros again afterwards, as are `used[0]` and `marks`.
+        used: see `mark_scan`.
+        marks: see `mark_scan`.
+    """
+    key = np.empty(3, np.int64)
+    cells = tiles.narrow.shape[2]
+    fits = True
+    for slot in range(1, used[0] + 1):
+        block = used[slot]
+        key[0] = first_tile[0] + block % across
+        key[1] = first_tile[1] + block // across % up
+        key[2] = first_tile[2] + block // (across * up)
+        tile = find_or_insert(tiles, key)
+        fits &= make_room_for_vote(tiles, tile)
+        hits, passes = tiles.narrow[tile, HITS], tiles.narrow[tile, PASSES]
+        start = slot * cells
+        for k in range(cells):
+            mark = marks[np.uint64(start + k)]
+            hits[np.uint64(k)] += np.uint8(mark >> 1)
+            passes[np.uint64(k)] += np.uint8(mark & 1)
+            marks[np.uint64(start + k)] = 0
+        table[block] = 0
+    used[0] = 0
+    return fits

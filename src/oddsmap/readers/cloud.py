@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a point cloud file holds, and the checks that its formats share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import InputError
+
+__all__ = ["Cloud", "check_size", "pick_columns", "unpack_points"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """Points in the sensor frame.
+
+    Args:
+        points: points [m], shape (n, 3); those that are not finite are kept, to be counted.
+        viewpoint: PCD's sensor pose, x y z qw qx qy qz, as it stands in the file; None where the
+            format has none.
+    """
+
+    points: FloatArray
+    viewpoint: tuple[float, ...] | None = None
+
+
+def check_size(path: str, promised: int, held: int) -> None:
+    """Raise InputError where a header's count of points is not what the file holds."""
+    if promised != held:
+        raise InputError(
+            f"{path}: the header promises {promised} points, the file holds {held}: "
+            "copy or write the file again"
+        )
+
+
+def unpack_points(
+    path: str, body: bytes, count: int, offsets: list[int], types: list[str], stride: int
+) -> FloatArray:
+    """Take x, y and z out of binary records.
+
+    Args:
+        path: what messages start with.
+        body: the records, `stride` bytes each; less than one record may follow them.
+        count: how many records the header promises.
+        offsets: first byte of x, y and z in a record.
+        types: NumPy type of each, byte order included.
+        stride: bytes of a record.
+    """
+    check_size(path, count, len(body) // stride)
+    dtype = np.dtype(
+        {"names": ["x", "y", "z"], "formats": types, "offsets": offsets, "itemsize": stride}
+    )
+    records = np.frombuffer(body, dtype, count)
+    points = np.empty((count, 3))
+    for axis, name in enumerate("xyz"):
+        points[:, axis] = records[name]
+    return points
+
+
+def pick_columns(table: FloatArray, columns: list[int], types: list[str]) -> FloatArray:
+    """Take x, y and z out of a table read from text.
+
+    In the precision the header states: a cloud is the same in each of its encodings.
+    """
+    points = np.empty((len(table), 3))
+    with np.errstate(over="ignore"):
+        for axis, (column, kind) in enumerate(zip(columns, types, strict=True)):
+            points[:, axis] = table[:, column].astype(kind)
+    return points

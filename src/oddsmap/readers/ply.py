@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""PLY, the polygon format: ascii and binary of both byte orders, vertices alone.
+
+Properties x, y and z of the element `vertex` are floats of 4 or 8 bytes; other properties and
+elements (faces) are passed over. Lists within or before the vertices, which no point cloud has,
+are refused. PLY holds no pose.
+
+Source: Turk, The PLY polygon file format (1994).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from oddsmap.errors import InputError
+from oddsmap.readers.cloud import Cloud, FloatArray, check_size, pick_columns, unpack_points
+from oddsmap.readers.container import Source
+from oddsmap.readers.text_table import parse_table
+
+__all__ = ["matches", "read_ply"]
+
+_SIZES = {
+    **{"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2},
+    **{"uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4, "float": 4, "float32": 4},
+    **{"double": 8, "float64": 8},
+}
+_FLOATS = ("float", "float32", "double", "float64")
+_BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+def matches(head: bytes) -> bool:
+    """Whether a file that starts like this is a PLY file."""
+    return head.startswith((b"ply\n", b"ply\r\n"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Element:
+    """An element of the header: how many there are, and name and type of its properties."""
+
+    name: str
+    count: int
+    properties: list[tuple[str, str]] = field(default_factory=list)
+
+    def stride(self, path: str) -> int:
+        """Bytes of one in a binary file."""
+        if any(kind == "list" for _, kind in self.properties):
+            raise InputError(
+                f"{path}: a list in the PLY element `{self.name}`, at or before the vertices: "
+                "write the points without it"
+            )
+        return sum(_SIZES[kind] for _, kind in self.properties)
+
+
+def read_ply(source: Source) -> Cloud:
+    """Read the vertices of a PLY file.
+
+    Raises:
+        InputError: a header that says nothing usable, or another count of points than it promises.
+    """
+    encoding, elements, start, line_number = _read_header(source)
+    path = source.path
+    names = [element.name for element in elements]
+    if names.count("vertex") != 1:
+        raise InputError(f"{path}: {names.count('vertex')} PLY elements `vertex`: one is needed")
+    place = names.index("vertex")
+    vertex, earlier = elements[place], elements[:place]
+    strides = [element.stride(path) for element in (*earlier, vertex)]
+    columns = [_find_axis(path, axis, vertex) for axis in "xyz"]
+    kinds = [kind for _, kind in vertex.properties]
+    types = [f"{_BYTE_ORDERS[encoding]}f{_SIZES[kinds[i]]}" for i in columns]
+    if encoding == "ascii":
+        skip = sum(element.count for element in earlier)
+        last = place == len(elements) - 1
+        points = _read_ascii(source, start, line_number, skip, vertex, columns, types, last)
+        return Cloud(points)
+    start += sum(e.count * stride for e, stride in zip(earlier, strides, strict=False))
+    body = source.content[start:]
+    if place < len(elements) - 1:
+        body = body[: vertex.count * strides[-1]]
+    offsets = [sum(_SIZES[kind] for kind in kinds[:i]) for i in columns]
+    return Cloud(unpack_points(path, body, vertex.count, offsets, types, strides[-1]))
+
+
+def _read_header(source: Source) -> tuple[str, list[_Element], int, int]:
+    """Encoding, elements, first byte after the header and number of that line."""
+    path = source.path
+    encoding = ""
+    elements: list[_Element] = []
+    start, number = 0, 0
+    while True:
+        end = source.content.find(b"\n", start)
+        if end < 0:
+            raise InputError(f"{path}: the PLY header has no end_header: copy the file again")
+        words = source.content[start:end].decode("ascii", "replace").split()
+        start, number = end + 1, number + 1
+        match words:
+            case ["end_header"]:
+                break
+            case ["format", name, _] if name in _BYTE_ORDERS:
+                encoding = name
+            case ["element", name, count] if count.isdecimal():
+                elements.append(_Element(name, int(count)))
+            case ["property", "list", _, _, name] if elements:
+                elements[-1].properties.append((name, "list"))
+            case ["property", kind, name] if elements and kind in _SIZES:
+                elements[-1].properties.append((name, kind))
+            case [] | ["ply"] | ["comment" | "obj_info", *_]:
+                pass
+            case _:
+                line = " ".join(words)[:60]
+                raise InputError(f"{path}:{number}: {line!r} is no line of a PLY header")
+    if not encoding:
+        raise InputError(f"{path}: the PLY header has no format line: check what wrote the file")
+    return encoding, elements, start, number + 1
+
+
+def _find_axis(path: str, axis: str, vertex: _Element) -> int:
+    names = [name for name, _ in vertex.properties]
+    if names.count(axis) != 1:
+        raise InputError(
+            f"{path}: PLY vertices with {names.count(axis)} x `{axis}` ({' '.join(names)[:60]}): "
+            "a scan needs x, y and z once each"
+        )
+    i = names.index(axis)
+    kind = vertex.properties[i][1]
+    if kind not in _FLOATS:
+        raise InputError(f"{path}: property `{axis}` is {kind}: it must be float or double")
+    return i
+
+
+def _read_ascii(
+    source: Source,
+    start: int,
+    line_number: int,
+    skip: int,
+    vertex: _Element,
+    columns: list[int],
+    types: list[str],
+    last: bool,
+) -> FloatArray:
+    text = source.content[start:].decode("ascii", "replace").split("\n")
+    rows = [(n, line) for n, line in enumerate(text, start=line_number) if line.strip()][skip:]
+    if not last:
+        rows = rows[: vertex.count]
+    check_size(source.path, vertex.count, len(rows))
+    lines, numbers = [line for _, line in rows], [n for n, _ in rows]
+    table = parse_table(source.path, lines, numbers, len(vertex.properties))
+    return pick_columns(table, columns, types)

@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Folders of depth images: the 7-Scenes layout and the TUM RGB-D layout.
+
+| | 7-Scenes | TUM RGB-D |
+|---|---|---|
+| images | `frame-XXXXXX.depth.png` | listed in `depth.txt`, else `associations.txt` |
+| poses | `frame-XXXXXX.pose.txt` (4 x 4), or `poses=` | `groundtruth.txt` or `poses=`, by stamp, interpolated |
+| unit of depth | 1 mm; 0 and 65535 are invalid | 1/5000 m; 0 is invalid |
+| intrinsics | `camera=`, else `camera-intrinsics.txt` (3 x 3), else | the same |
+| by default | fx = fy = 585, cx 320, cy 240 | fx = fy = 525, cx 319.5, cy 239.5 |
+
+Poses are those of the optical frame (x right, y down, z forward) unless `body_from_sensor` says
+otherwise. ICL-NUIM needs its own intrinsics, in which y points up: fx 481.2, fy -480, cx 319.5,
+cy 239.5.
+
+Source: https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes/ and
+https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats
+"""  # noqa: E501 - a table
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import InputError
+from oddsmap.poses import Pose3
+from oddsmap.readers.container import open_source
+from oddsmap.readers.given import Given
+from oddsmap.readers.lazy import DepthLog
+from oddsmap.readers.pose_file import read_pose_matrix
+from oddsmap.readers.pose_match import match_poses, natural_key
+from oddsmap.readers.text_table import parse_numbers, parse_stamp_ns, read_rows
+from oddsmap.scan import Scan
+from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.trajectory import NoPoseError
+
+__all__ = ["is_seven_scenes", "is_tum_rgbd", "open_seven_scenes", "open_tum_rgbd"]
+
+_IMAGE_END, _POSE_END = ".depth.png", ".pose.txt"
+_INTRINSICS_NAME = "camera-intrinsics.txt"
+_LISTS = ("depth.txt", "associations.txt")
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """What the files of a layout do not say."""
+
+    format: str
+    units_per_metre: float
+    invalid: tuple[int, ...]
+    fx_fy_cx_cy: tuple[float, float, float, float]
+
+
+_SEVEN_SCENES = _Layout("7-Scenes depth images", 1000.0, (65535,), (585.0, 585.0, 320.0, 240.0))
+_TUM = _Layout("TUM RGB-D depth images", 5000.0, (), (525.0, 525.0, 319.5, 239.5))
+
+
+def is_seven_scenes(folder: Path) -> bool:
+    """Whether there are images in the 7-Scenes layout."""
+    return any(path.name.endswith(_IMAGE_END) for path in folder.iterdir())
+
+
+def is_tum_rgbd(folder: Path) -> bool:
+    """Whether there is a list of images in the TUM layout."""
+    return any((folder / name).is_file() for name in _LISTS)
+
+
+def open_seven_scenes(name: str, given: Given) -> DepthLog:
+    """Open a folder in the 7-Scenes layout.
+
+    Raises:
+        InputError: an image without a pose, other counts, or intrinsics that cannot be used.
+    """
+    folder = Path(name)
+    images = sorted(
+        (path for path in folder.iterdir() if path.name.endswith(_IMAGE_END)),
+        key=lambda path: natural_key(path.name),
+    )
+    if given.poses is not None:
+        names = [image.name for image in images]
+        match = match_poses(name, names, given.poses, given.times, given)
+        return _open(name, _SEVEN_SCENES, images, match.map_from_sensor, match.stamp_ns, given)
+    given.refuse(name, "a 7-Scenes folder", "times")
+    files = [image.with_name(image.name.removesuffix(_IMAGE_END) + _POSE_END) for image in images]
+    missing = [image for image, file in zip(images, files, strict=True) if not file.is_file()]
+    if missing and not given.skip_bad:
+        raise InputError(
+            f"{name}: {len(images)} depth images and {len(images) - len(missing)} pose files for "
+            f"them; {missing[0].name} is the first without: copy the poses (*{_POSE_END}) too, or "
+            "leave such images out with --skip-bad (skip_bad=True)"
+        )
+
+    def pose(i: int) -> Pose3:
+        if not files[i].is_file():
+            raise NoPoseError(f"{images[i]}: no pose: {files[i].name} is missing")
+        return given.sensor_pose(read_pose_matrix(files[i]))
+
+    return _open(name, _SEVEN_SCENES, images, pose, lambda i: None, given)
+
+
+def open_tum_rgbd(name: str, given: Given) -> DepthLog:
+    """Open a folder in the TUM RGB-D layout.
+
+    Raises:
+        InputError: no poses, a list that cannot be read, or intrinsics that cannot be used.
+    """
+    folder = Path(name)
+    given.refuse(name, "a TUM RGB-D folder", "times")
+    images, stamps = _read_list(folder)
+    poses = given.poses
+    if poses is None:
+        poses = folder / "groundtruth.txt"
+        if not poses.is_file():
+            raise InputError(
+                f"{name}: {len(images)} depth images without poses (groundtruth.txt would be "
+                "read): name the poses with --poses (poses=)"
+            )
+    names = [image.name for image in images]
+    match = match_poses(name, names, poses, None, given, stamps_ns=stamps)
+    return _open(name, _TUM, images, match.map_from_sensor, match.stamp_ns, given)
+
+
+def _read_list(folder: Path) -> tuple[list[Path], npt.NDArray[np.int64]]:
+    """The images of a list and their stamps [ns]."""
+    path = next(folder / name for name in _LISTS if (folder / name).is_file())
+    rows = read_rows(path)
+    if not rows:
+        raise InputError(f"{path}: no images are listed: check how the file was written")
+    images: list[Path] = []
+    stamps: list[int] = []
+    for row in rows:
+        pairs = list(zip(row.words[::2], row.words[1::2], strict=False))
+        if len(row.words) not in (2, 4):
+            raise InputError(
+                f"{row.where}: {len(row.words)} words: a stamp and a file are expected"
+            )
+        if len(pairs) == 2:  # depth and colour, in either order
+            pairs = [pair for pair in pairs if "depth" in pair[1].lower()]
+            if len(pairs) != 1:
+                raise InputError(
+                    f"{row.where}: which file is the depth image? One of the two must be in a "
+                    "folder `depth`"
+                )
+        stamps.append(parse_stamp_ns(row, pairs[0][0]))
+        images.append(folder / pairs[0][1])
+    return images, np.array(stamps, np.int64)
+
+
+def _open(
+    name: str,
+    layout: _Layout,
+    images: list[Path],
+    pose: Callable[[int], Pose3],
+    stamp_ns: Callable[[int], int | None],
+    given: Given,
+) -> DepthLog:
+    notes: list[str] = []
+    camera = given.camera or _find_camera(name, layout, images, notes)
+
+    def read_depth(i: int) -> DepthScan:
+        map_from_sensor = pose(i)
+        depth = _read_image(images[i], layout, camera)
+        return DepthScan(map_from_sensor, depth, camera, stamp_ns(i))
+
+    def read_scan(i: int) -> Scan:
+        return read_depth(i).to_scan()
+
+    return DepthLog(
+        path=name,
+        format=layout.format,
+        scan_count=len(images),
+        read_scan=read_scan,
+        read_depth=read_depth,
+        camera=camera,
+        skip_bad=given.skip_bad,
+        opening_notes=tuple(notes),
+    )
+
+
+def _find_camera(name: str, layout: _Layout, images: list[Path], notes: list[str]) -> PinholeCamera:
+    """Intrinsics from the folder, for images of the size of the first that can be read."""
+    width, height = _first_size(name, images)
+    path = Path(name) / _INTRINSICS_NAME
+    if path.is_file():
+        rows = [parse_numbers(row, row.words) for row in read_rows(path)]
+        if [len(row) for row in rows] != [3, 3, 3]:
+            raise InputError(f"{path}: intrinsics are a matrix of 3 x 3 numbers")
+        (fx, skew, cx), (zero, fy, cy), last = rows
+        if skew != 0.0 or zero != 0.0 or last != [0.0, 0.0, 1.0] or fx == 0.0 or fy == 0.0:
+            raise InputError(f"{path}: intrinsics other than [fx 0 cx; 0 fy cy; 0 0 1]")
+        return PinholeCamera(fx, fy, cx, cy, width, height)
+    fx, fy, cx, cy = layout.fx_fy_cx_cy
+    if (width, height) != (640, 480):
+        raise InputError(
+            f"{name}: the depth images are {width} x {height} pixels and there are no intrinsics "
+            f"({_INTRINSICS_NAME}); those assumed by default are for 640 x 480: give camera="
+        )
+    notes.append(
+        f"no intrinsics ({_INTRINSICS_NAME}): fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g} "
+        "are assumed"
+    )
+    return PinholeCamera(fx, fy, cx, cy, width, height)
+
+
+def _first_size(name: str, images: list[Path]) -> tuple[int, int]:
+    from PIL import Image
+
+    for path in images:
+        try:
+            with Image.open(path) as image:
+                return image.size
+        except (OSError, SyntaxError, ValueError):
+            continue  # said when the image itself is read
+    raise InputError(
+        f"{name}: none of the {len(images)} depth images can be read, the first is "
+        f"{images[0].name}: copy them again"
+    )
+
+
+def _read_image(path: Path, layout: _Layout, camera: PinholeCamera) -> npt.NDArray[np.float32]:
+    """Depth in metres, shape (h, w); 0 where there is none."""
+    from PIL import Image
+
+    content = open_source(path).content
+    try:
+        with Image.open(io.BytesIO(content)) as image:
+            mode, size = image.mode, image.size
+            fits = size == (camera.width, camera.height) and mode.startswith("I")
+            units = np.asarray(image) if fits else np.empty(0)
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"{path}: not a readable PNG ({error}): copy the file again") from None
+    if size != (camera.width, camera.height):
+        raise InputError(
+            f"{path}: the depth image is {size[0]} x {size[1]} pixels, the intrinsics are for "
+            f"{camera.width} x {camera.height}: give the camera of this image"
+        )
+    if not mode.startswith("I"):
+        raise InputError(f"{path}: a {mode} image: depth images are gray with 16 bits a pixel")
+    depth = units.astype(np.float32) / np.float32(layout.units_per_metre)
+    for value in layout.invalid:
+        depth[units == value] = 0.0
+    return depth

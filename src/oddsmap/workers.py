@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Batches of scans shared among threads, without a bit of the result depending on it.
+
+Kernels let go of Python's lock, so ordinary threads run side by side. In the plane, where scans are
+small and many, each thread has tiles of its own, and they are added up at the end. In space, where
+a scan is long, threads mark on their own and add to one store by turns. Integer addition commutes.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from typing import Protocol
+
+from oddsmap.evidence import EvidenceMap
+from oddsmap.scan import Scan
+from oddsmap.sensors.beam import BeamSensor
+from oddsmap.tiles import TileStore
+
+__all__ = ["Team"]
+
+# Beams in one batch: enough that Python's share of the time is small, few enough that progress
+# shows and Ctrl-C is answered at once.
+_BATCH_BEAMS = 1 << 14
+
+Counts = tuple[int, int, Counter[str]]
+
+
+class Integrator(Protocol):
+    """What adds scans to tiles; see `Integrator2D` and `Integrator3D`."""
+
+    tiles: TileStore
+
+    def add(self, scans: Sequence[Scan]) -> Counts:
+        """Add a batch: scans used, beams used, and what was skipped by reason."""
+
+
+class Team:
+    """One integrator a thread, for one map.
+
+    Args:
+        evidence: the map to add to.
+        sensor: the sensor model of the scans.
+        threads: how many.
+    """
+
+    def __init__(self, evidence: EvidenceMap, sensor: BeamSensor, threads: int) -> None:
+        self._evidence = evidence
+        self._integrators = _integrators(evidence, sensor, threads)
+        self._busy_s = dict.fromkeys(range(threads), 0.0)
+        self.read_s = 0.0
+        """Time that was spent waiting for scans [s]: reading, where a log reads on demand."""
+        self.merge_s = 0.0
+
+    @property
+    def integrate_s(self) -> float:
+        """Wall time of integration alone [s]: the busiest thread's, and adding up."""
+        return max(self._busy_s.values()) + self.merge_s
+
+    def run(self, scans: Iterable[Scan]) -> Iterator[Counts]:
+        """Add all scans; gives the counts of each batch as it is done."""
+        batches = self._batches(scans)
+        if len(self._integrators) == 1:
+            for batch in batches:
+                yield self._add(0, batch)
+            return
+        idle: queue.SimpleQueue[int] = queue.SimpleQueue()
+        for who in range(len(self._integrators)):
+            idle.put(who)
+
+        def work(batch: list[Scan]) -> Counts:
+            who = idle.get()
+            try:
+                return self._add(who, batch)
+            finally:
+                idle.put(who)
+
+        with ThreadPoolExecutor(len(self._integrators)) as pool:
+            pending: set[Future[Counts]] = set()
+            for batch in batches:
+                pending.add(pool.submit(work, batch))
+                if len(pending) > 2 * len(self._integrators):
+                    done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                    yield from (future.result() for future in done)
+            for future in pending:
+                yield future.result()
+        started = time.perf_counter()
+        for integrator in self._integrators:
+            if integrator.tiles is not self._evidence.tiles:
+                self._evidence.tiles.merge(integrator.tiles)
+        self.merge_s = time.perf_counter() - started
+
+    def _add(self, who: int, batch: list[Scan]) -> Counts:
+        started = time.perf_counter()
+        try:
+            return self._integrators[who].add(batch)
+        finally:
+            self._busy_s[who] += time.perf_counter() - started
+
+    def _batches(self, scans: Iterable[Scan]) -> Iterator[list[Scan]]:
+        batch: list[Scan] = []
+        beams = 0
+        source = iter(scans)
+        while True:
+            started = time.perf_counter()
+            scan = next(source, None)
+            self.read_s += time.perf_counter() - started
+            if scan is None:
+                break
+            batch.append(scan)
+            beams += len(scan.ranges)
+            if beams >= _BATCH_BEAMS:
+                yield batch
+                batch, beams = [], 0
+        if batch:
+            yield batch
+
+
+def _integrators(evidence: EvidenceMap, sensor: BeamSensor, threads: int) -> Sequence[Integrator]:
+    if evidence.ndim == 3:
+        from oddsmap.integrate3d import Integrator3D
+
+        lock = threading.Lock()
+        return [Integrator3D(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
+    from oddsmap.integrate2d import Integrator2D
+
+    own = [evidence.tiles, *(evidence.new_tiles() for _ in range(threads - 1))]
+    return [Integrator2D(evidence, sensor, tiles) for tiles in own]
