@@ -37,8 +37,13 @@ LEVELS = 3
 """Each level has twice as many bins a side as the one before."""
 FINE = COARSE << (LEVELS - 1)
 BIN_COUNT = sum(6 * (COARSE << level) ** 2 for level in range(LEVELS))
-PASSES_OVER_RAYS = 7
-"""Rays are gone through in this many passes, every 11th ray in each."""
+STRIDE = 17
+"""Rays are taken 17 apart, from each of 17 beginnings in turn. LIDARs list 16, 32, 64... beams to a
+column: a stride prime to these spreads the first rays over all directions."""
+ROUNDS = ((0,), (8,), (4, 12), (2, 6, 10, 14), (1, 3, 5, 7, 9, 11, 13, 15, 16))
+"""The beginnings; after each round but the last, what is marked is looked through."""
+ORDER = np.array([begin for part in ROUNDS for begin in part], np.int64)
+LAST_OF_ROUND = np.array([part[-1] for part in ROUNDS[:-1]], np.int64)
 
 
 @kernel
@@ -78,32 +83,30 @@ def sort_rays(
         spans[at, 2] = min(spans[at, 2], q)
         spans[at, 3] = max(spans[at, 3], q)
     for at in range(BIN_COUNT - 1, 6 * COARSE * COARSE - 1, -1):
-        parent = _parent(at)
+        parent = BIN_TREE[at, 0]
         spans[parent, 0] = min(spans[parent, 0], spans[at, 0])
         spans[parent, 1] = max(spans[parent, 1], spans[at, 1])
         spans[parent, 2] = min(spans[parent, 2], spans[at, 2])
         spans[parent, 3] = max(spans[parent, 3], spans[at, 3])
 
 
-@kernel
-def _level(at: int) -> tuple[int, int]:
-    # Of a bin: how many bins come before its level, and the level's side.
-    before, side = np.int64(0), np.int64(COARSE)
-    while at >= before + 6 * side * side:
+def _bin_tree() -> IntArray:
+    """Each bin's parent one level up (-1 on the coarsest) and face, shape (BIN_COUNT, 2)."""
+    tree = []
+    before = 0
+    for level in range(LEVELS):
+        side = COARSE << level
+        above = before - 6 * (side // 2) ** 2
+        for face in range(6):
+            for p in range(side):
+                for q in range(side):
+                    parent = above + (face * (side // 2) + p // 2) * (side // 2) + q // 2
+                    tree.append((parent if level > 0 else -1, face))
         before += 6 * side * side
-        side *= 2
-    return before, side
+    return np.array(tree, np.int64)
 
 
-@kernel
-def _parent(at: int) -> int:
-    # The bin one level up that holds this one; -1 on the coarsest.
-    before, side = _level(at)
-    if before == 0:
-        return -1
-    face, place = (at - before) // (side * side), (at - before) % (side * side)
-    half = side // 2
-    return before - 6 * half * half + (face * half + place // side // 2) * half + place % side // 2
+BIN_TREE = _bin_tree()
 
 
 @kernel
@@ -179,8 +182,8 @@ def mark_scan(
     count = ends.shape[0]
     room = used.shape[0] - 1
     at = 0
-    for begin in range(PASSES_OVER_RAYS):
-        for i in range(begin, count, PASSES_OVER_RAYS):
+    for begin in ORDER:
+        for i in range(begin, count, STRIDE):
             at += 1
             if at <= first:
                 continue
@@ -191,18 +194,36 @@ def mark_scan(
                 return at - 1
             # Blocks are numbered from 1 in the order of first touch; 0 means "not touched". (Not a
             # function of its own: passing arrays costs more than a mark does.)
-            for row in range(3):
-                for k in range(slabs):
-                    code = np.uint64(buffer[row, np.uint64(k)])
-                    block = code >> shift
-                    slot = np.uint64(table[block])
-                    if slot == 0:
-                        used[0] += 1
-                        slot = np.uint64(used[0])
-                        table[block] = np.int32(slot)
-                        used[slot] = np.int64(block)
-                    marks[(slot << shift) + (code & within)] = FREE
-        if at > first and begin < PASSES_OVER_RAYS - 1:
+            for k in range(slabs):
+                to = np.uint64(k)
+                code = np.uint64(buffer[0, to])
+                block = code >> shift
+                slot = np.uint64(table[block])
+                if slot == 0:
+                    used[0] += 1
+                    slot = np.uint64(used[0])
+                    table[block] = np.int32(slot)
+                    used[slot] = np.int64(block)
+                marks[(slot << shift) + (code & within)] = FREE
+                code = np.uint64(buffer[1, to])
+                block = code >> shift
+                slot = np.uint64(table[block])
+                if slot == 0:
+                    used[0] += 1
+                    slot = np.uint64(used[0])
+                    table[block] = np.int32(slot)
+                    used[slot] = np.int64(block)
+                marks[(slot << shift) + (code & within)] = FREE
+                code = np.uint64(buffer[2, to])
+                block = code >> shift
+                slot = np.uint64(table[block])
+                if slot == 0:
+                    used[0] += 1
+                    slot = np.uint64(used[0])
+                    table[block] = np.int32(slot)
+                    used[slot] = np.int64(block)
+                marks[(slot << shift) + (code & within)] = FREE
+        if at > first and begin in LAST_OF_ROUND:
             _advance(origin, lo, bits, blocks, spans, done, table, marks)
     if used[0] + count > room:
         return at
@@ -231,22 +252,16 @@ def _advance(
     for at in range(BIN_COUNT):
         if spans[at, 0] > spans[at, 1]:
             continue
-        parent = _parent(at)
+        parent = BIN_TREE[at, 0]
         if parent >= 0:
             done[at] = max(done[at], done[parent])
-        before, side = _level(at)
-        face = (at - before) // (side * side)
-        while _is_marked(
-            face, np.int64(done[at]), at, spans, origin, lo, bits, blocks, table, marks
-        ):
-            done[at] += 1
+        done[at] = _marked_slabs(at, done[at], spans, origin, lo, bits, blocks, table, marks)
 
 
 @kernel
-def _is_marked(
-    face: int,
-    slab: int,
+def _marked_slabs(
     at: int,
+    slab: int,
     spans: FloatArray,
     origin: FloatArray,
     lo: IntArray,
@@ -254,43 +269,49 @@ def _is_marked(
     blocks: IntArray,
     table: npt.NDArray[np.int32],
     marks: Marks,
-) -> bool:
+) -> int:
+    # How many leading slabs of a bin are marked, if the first `slab` ones are known to be.
     shift = 3 * bits
     mask = (1 << bits) - 1
+    face = BIN_TREE[at, 1]
     a = face // 2
     b = a + 1 if a < 2 else 0
     c = b + 1 if b < 2 else 0
     a0, b0, c0 = origin[a] - lo[a], origin[b] - lo[b], origin[c] - lo[c]
     if face & 1:
-        first = np.int64(math.ceil(a0)) - 1
-        cell_a, far = first - slab, a0 - first + slab
+        step, first = -1, np.int64(math.ceil(a0)) - 1
+        to_border = a0 - first
     else:
-        first = np.int64(math.floor(a0))
-        cell_a, far = first + slab, first + 1 - a0 + slab
-    # From the near border (the start, in slab 0) to the far one, for all slopes of the bin.
-    near = max(far - 1.0, 0.0)
-    b_lo = np.int64(math.floor(b0 + min(spans[at, 0] * near, spans[at, 0] * far) - 1e-6))
-    b_hi = np.int64(math.floor(b0 + max(spans[at, 1] * near, spans[at, 1] * far) + 1e-6))
-    c_lo = np.int64(math.floor(c0 + min(spans[at, 2] * near, spans[at, 2] * far) - 1e-6))
-    c_hi = np.int64(math.floor(c0 + max(spans[at, 3] * near, spans[at, 3] * far) + 1e-6))
-    b_block, c_block = blocks[b], blocks[c]
-    b_place, c_place = bits * b, bits * c
-    a_part = (cell_a >> bits) * blocks[a]
-    a_within = (cell_a & mask) << (bits * a)
+        step, first = 1, np.int64(math.floor(a0))
+        to_border = first + 1 - a0
+    p_lo, p_hi, q_lo, q_hi = spans[at, 0], spans[at, 1], spans[at, 2], spans[at, 3]
+    a_block, b_block, c_block = blocks[a], blocks[b], blocks[c]
+    a_place, b_place, c_place = bits * a, bits * b, bits * c
     blocks_there = table.shape[0]
-    for cell_c in range(c_lo, c_hi + 1):
-        part = a_part + (cell_c >> bits) * c_block
-        within = a_within + ((cell_c & mask) << c_place)
-        for cell_b in range(b_lo, b_hi + 1):
-            # A cell outside the window may be taken for another one here. No ray gets there.
-            block = part + (cell_b >> bits) * b_block
-            if block < 0 or block >= blocks_there:
-                return False
-            slot = np.int64(table[np.uint64(block)])
-            place = (slot << shift) + within + ((cell_b & mask) << b_place)
-            if slot == 0 or marks[np.uint64(place)] == 0:
-                return False
-    return True
+    while True:
+        # From the near border (the start, in slab 0) to the far one, for all slopes of the bin.
+        far = to_border + slab
+        near = max(far - 1.0, 0.0)
+        b_lo = np.int64(b0 + p_lo * (far if p_lo < 0 else near) - 1e-6)
+        b_hi = np.int64(b0 + p_hi * (far if p_hi > 0 else near) + 1e-6)
+        c_lo = np.int64(c0 + q_lo * (far if q_lo < 0 else near) - 1e-6)
+        c_hi = np.int64(c0 + q_hi * (far if q_hi > 0 else near) + 1e-6)
+        cell_a = first + step * slab
+        a_part = (cell_a >> bits) * a_block
+        a_within = (cell_a & mask) << a_place
+        for cell_c in range(c_lo, c_hi + 1):
+            part = a_part + (cell_c >> bits) * c_block
+            within = a_within + ((cell_c & mask) << c_place)
+            for cell_b in range(b_lo, b_hi + 1):
+                # A cell outside the window may be taken for another one here; no ray gets there.
+                block = part + (cell_b >> bits) * b_block
+                if block < 0 or block >= blocks_there:
+                    return slab
+                slot = np.int64(table[np.uint64(block)])
+                place = (slot << shift) + within + ((cell_b & mask) << b_place)
+                if slot == 0 or marks[np.uint64(place)] == 0:
+                    return slab
+        slab += 1
 
 
 @kernel
