@@ -14,7 +14,7 @@ import pytest
 from oddsmap import BeamSensor, Scan, build_map
 from oddsmap.config import Config, MapConfig, PosteriorConfig, parse_setting, read_toml, resolve
 from oddsmap.errors import ConfigError
-from oddsmap.poses import Pose2
+from oddsmap.poses import Pose2, Pose3
 
 SECTIONS = {"map": MapConfig, "sensor": BeamSensor, "posterior": PosteriorConfig}
 FIELDS = [
@@ -32,10 +32,24 @@ LOG = [
         np.array([2.03, 1.02, 2.04, 0.3, math.inf]),
     )
 ]
-BASE = {
+BASE: dict[str, dict[str, Any]] = {
     "map": {"resolution": 0.1},
     "sensor": {"range_max": 3.0, "hit_width": 0.45},
 }
+
+# Beams of space ahead, back and up: for the filters of what may mark.
+AXES = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+SPACE = [Scan(Pose3(np.eye(3), np.zeros(3)), AXES, np.full(3, 1.05))]
+SPACE_BASE: dict[str, dict[str, Any]] = {
+    "map": {"resolution": 0.1},
+    "sensor": {
+        "mark_z_min": -1.0,
+        "mark_z_max": 2.0,
+        "body_min": [-0.5, -0.5, -0.5],
+        "body_max": [0.5, 0.5, 0.5],
+    },
+}
+FILTERS = {f"sensor.{name}" for name in SPACE_BASE["sensor"]}
 
 # A value that changes what comes out of LOG, for each field.
 CHANGES: dict[str, Any] = {
@@ -48,17 +62,23 @@ CHANGES: dict[str, Any] = {
     "sensor.share_hit": True,
     "sensor.p_hit": 0.9,
     "sensor.p_miss": 0.45,
+    "sensor.mark_z_min": 0.5,
+    "sensor.mark_z_max": 0.5,
+    "sensor.body_min": [-3.0, -3.0, -3.0],
+    "sensor.body_max": [2.0, 0.5, 0.5],
     "posterior.prior": 0.2,
     "posterior.free": 0.45,
     "posterior.occupied": 0.75,
 }
 
 
-def result(config: Config) -> tuple[bytes, ...]:
-    evidence = build_map(LOG, config.map.resolution, sensor=config.sensor, votes=config.map.votes)
+def result(config: Config, log: list[Scan]) -> tuple[bytes, ...]:
+    evidence = build_map(log, config.map.resolution, sensor=config.sensor, votes=config.map.votes)
     evidence.config = config
     view = evidence.log_odds()
-    parts = (*evidence.cells(), view.probability(), view.state())
+    parts = [*evidence.cells(), view.probability()]
+    if evidence.ndim == 2:
+        parts.append(view.state())
     return tuple(part.tobytes() for part in parts)
 
 
@@ -70,17 +90,18 @@ def test_every_field_has_a_case() -> None:
 @pytest.mark.parametrize("setting", CHANGES)
 def test_each_field_changes_the_result(setting: str) -> None:
     section, name = setting.split(".")
-    base = resolve(("base", BASE))
-    changed = resolve(("base", BASE), ("changed", {section: {name: CHANGES[setting]}}))
+    log, values = (SPACE, SPACE_BASE) if setting in FILTERS else (LOG, BASE)
+    base = resolve(("base", values))
+    changed = resolve(("base", values), ("changed", {section: {name: CHANGES[setting]}}))
     assert base != changed
-    assert result(base) == result(base)
-    assert result(base) != result(changed)
+    assert result(base, log) == result(base, log)
+    assert result(base, log) != result(changed, log)
 
 
 @pytest.mark.parametrize(("section", "name", "kind"), FIELDS)
 def test_bounds(section: str, name: str, kind: str) -> None:
-    if "float" not in kind:
-        return
+    if "float" not in kind or f"sensor.{name}" in FILTERS:
+        return  # the filters: any height, any box (below)
     bad = [math.nan, math.inf, -math.inf, -1.0]
     if (section, name) not in {
         ("sensor", "range_min"), ("sensor", "hit_width"), ("posterior", "free")
@@ -94,12 +115,33 @@ def test_bounds(section: str, name: str, kind: str) -> None:
         assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        {"mark_z_min": math.nan},
+        {"mark_z_max": math.inf},
+        {"mark_z_min": 2.0, "mark_z_max": 1.0},
+        {"body_min": [0.0, 0.0, 0.0]},
+        {"body_min": [0.0, 0.0, 0.0], "body_max": [1.0, 1.0, 0.0]},
+        {"body_min": [0.0, 0.0, math.nan], "body_max": [1.0, 1.0, 1.0]},
+    ],
+)
+def test_bounds_of_filters(sensor: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=r"got|both or none"):
+        resolve(("file.toml", {"map": {"resolution": 1.0}, "sensor": sensor}))
+
+
+def test_filters_are_for_space() -> None:
+    with pytest.raises(ConfigError, match="of the plane"):
+        build_map(LOG, 0.1, sensor=BeamSensor(mark_z_min=0.0))
+
+
 @pytest.mark.parametrize(("section", "name", "kind"), FIELDS)
 def test_types(section: str, name: str, kind: str) -> None:
     wrong: list[Any] = [[], {}, 1 + 2j]
     wrong += [] if kind == "bool" else [True]
     wrong += [] if kind == "str" else ["far"]
-    wrong += [] if "float" in kind else [0.5, 1]
+    wrong += [] if kind.startswith("float") else [0.5, 1]
     wrong += [] if "None" in kind else [None]
     for value in wrong:
         with pytest.raises(ConfigError, match=f"file.toml: {section}.{name} is "):

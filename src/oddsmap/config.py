@@ -101,7 +101,14 @@ class Config:
                 _check_field(section, name, value, where)
         if "resolution" not in values.get("map", {}):
             raise ConfigError(f"{where}: map.resolution is missing; a map needs one, in metres")
-        return cls(**{name: kind(**values.get(name, {})) for name, kind in _SECTIONS.items()})
+        plain = {
+            section: {
+                name: tuple(value) if isinstance(value, list) else value  # JSON has no tuples
+                for name, value in fields.items()
+            }
+            for section, fields in values.items()
+        }
+        return cls(**{name: kind(**plain.get(name, {})) for name, kind in _SECTIONS.items()})
 
 
 _SECTIONS: dict[str, Any] = {"map": MapConfig, "sensor": BeamSensor, "posterior": PosteriorConfig}
@@ -166,23 +173,31 @@ def _check_field(section: str, name: str, value: object, where: str) -> None:
     _known(name, fields, where, f"field of [{section}]")
     kind = fields[name]
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    fits = {
-        "float": number,
-        "float | None": number or value is None,
-        "bool": isinstance(value, bool),
-        "str": isinstance(value, str),
+    fits, wanted = {
+        "float": (number, "a number"),
+        "float | None": (number or value is None, "a number"),
+        "bool": (isinstance(value, bool), "true or false"),
+        "str": (isinstance(value, str), "a word"),
+        "tuple[float, float, float] | None": (
+            value is None or _is_triple(value),
+            "three numbers, like [-0.3, -0.2, -0.5]",
+        ),
     }[kind]
     if not fits:
-        wanted = {"float": "a number", "float | None": "a number", "bool": "true or false"}
-        raise ConfigError(
-            f"{where}: {section}.{name} is {wanted.get(kind, 'a word')}, got {value!r}"
-        )
+        raise ConfigError(f"{where}: {section}.{name} is {wanted}, got {value!r}")
+
+
+def _is_triple(value: object) -> bool:
+    numbers = isinstance(value, list | tuple) and all(
+        isinstance(part, int | float) and not isinstance(part, bool) for part in value
+    )
+    return numbers and isinstance(value, list | tuple) and len(value) == 3
 
 
 def _known(name: str, names: Mapping[str, object], where: str, what: str) -> None:
     if name not in names:
-        nearest = difflib.get_close_matches(name, names, 1, 0.0)[0]
+        near = difflib.get_close_matches(name, names, 1, 0.5)
+        hint = f'did you mean "{near[0]}"? ' if near else ""
         raise ConfigError(
-            f'{where}: no {what} is called "{name}"; did you mean "{nearest}"? '
-            f"(known: {', '.join(names)})"
+            f'{where}: no {what} is called "{name}"; {hint}(known: {", ".join(names)})'
         )

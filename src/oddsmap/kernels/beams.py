@@ -15,10 +15,11 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import kernel
 
-__all__ = ["BELOW", "LOST", "NAN", "ScanCells", "cell_bounds", "cut_beams"]
+__all__ = ["BELOW", "BODY", "HEIGHT", "LOST", "NAN", "ScanCells", "cell_bounds", "cut_beams"]
 
-NAN, BELOW, LOST = 0, 1, 2
-"""Why a beam is skipped: range or direction is no number, below range_min, or nothing to clear."""
+NAN, BELOW, LOST, HEIGHT, BODY = 0, 1, 2, 3, 4
+"""Why a beam is skipped: range or direction is no number, below range_min, or nothing to clear; why
+its hit is: outside the heights that may mark, or on the robot's own body."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -53,6 +54,8 @@ def cut_beams(
     rotations: FloatArray,
     limits: tuple[float, float, float, float],
     half_width: float,
+    heights: tuple[float, float],
+    body: FloatArray,
     ends: FloatArray,
     tips: FloatArray,
     hit: npt.NDArray[np.bool_],
@@ -71,11 +74,14 @@ def cut_beams(
         limits: range_min, range_max (inf where unknown), how far +Inf clears, how far a finite
             no-return clears (NaN: not at all).
         half_width: half the length of the occupied region [m].
+        heights: least and most z in the map frame at which a return marks [m]; in space only.
+        body: least and most corner of the robot's body in the sensor frame [m], shape (2, 3): a
+            return in this box does not mark; in space only.
         ends: where the free part ends, shape (n, d), the first offsets[-1] rows are filled.
         tips: where the occupied part ends; may be `ends` itself where half_width is 0.
         hit: False where the beam only clears, shape (n,).
         offsets: first usable beam of each scan and the end, shape (scans + 1,).
-        skipped: counts by NAN, BELOW, LOST, added to.
+        skipped: counts by NAN, BELOW, LOST, HEIGHT, BODY, added to.
     """
     range_min, range_max, clear_unseen, clear_over = limits
     # Scalars for three axes, the third of which rests in the plane: loops over axes of a length
@@ -128,6 +134,20 @@ def cut_beams(
                 tips[used, 0], tips[used, 1] = ox + rx * far, oy + ry * far
                 if space:
                     tips[used, 2] = oz + rz * far
+            if space and seen:
+                # Filters say what may mark, never what may clear.
+                z = oz + rz * reach
+                bx, by, bz = dx * reach, dy * reach, dz * reach
+                if (
+                    body[0, 0] <= bx <= body[1, 0]
+                    and body[0, 1] <= by <= body[1, 1]
+                    and body[0, 2] <= bz <= body[1, 2]
+                ):
+                    skipped[BODY] += 1
+                    seen = False
+                elif z < heights[0] or z > heights[1]:
+                    skipped[HEIGHT] += 1
+                    seen = False
             hit[used] = seen
             used += 1
         offsets[scan + 1] = used

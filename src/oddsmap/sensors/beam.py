@@ -65,6 +65,12 @@ class BeamSensor:
             False: each gets a whole one.
         p_hit: p(x | z) at prior 1/2 around the return.
         p_miss: p(x | z) at prior 1/2 before it.
+        mark_z_min: a return below this height in the map frame clears but does not mark [m];
+            scans of space only.
+        mark_z_max: likewise above this height [m].
+        body_min: least corner of the robot's body in the sensor frame [m], three numbers; a
+            return inside the body's box does not mark. Scans of space only.
+        body_max: its most corner [m].
 
     Raises:
         ConfigError: a value is outside its range.
@@ -77,6 +83,10 @@ class BeamSensor:
     share_hit: bool = False
     p_hit: float = 0.7
     p_miss: float = 0.4
+    mark_z_min: float | None = None
+    mark_z_max: float | None = None
+    body_min: tuple[float, float, float] | None = None
+    body_max: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         for name in ("range_min", "hit_width"):
@@ -91,6 +101,41 @@ class BeamSensor:
             raise ConfigError(f"sensor.p_hit lies between 0.5 and 1, got {self.p_hit}")
         if not 0.0 < self.p_miss < 0.5:
             raise ConfigError(f"sensor.p_miss lies between 0 and 0.5, got {self.p_miss}")
+        self._check_filters()
+
+    def _check_filters(self) -> None:
+        low, high = self._heights
+        for name in ("mark_z_min", "mark_z_max"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise ConfigError(f"sensor.{name} is a height [m], got {value}")
+        if not low < high:
+            raise ConfigError(f"sensor.mark_z_min < mark_z_max is needed, got {low} and {high}")
+        if (self.body_min is None) != (self.body_max is None):
+            raise ConfigError("sensor.body_min and body_max make a box: set both or none")
+        if self.body_min is not None and self.body_max is not None:
+            corners = np.array([self.body_min, self.body_max], np.float64)
+            if (
+                corners.shape != (2, 3)
+                or not (np.isfinite(corners) & (corners[0] < corners[1])).all()
+            ):
+                raise ConfigError(
+                    "sensor.body_min and body_max are three lengths each, min below max, "
+                    f"got {self.body_min} and {self.body_max}"
+                )
+
+    @property
+    def _heights(self) -> tuple[float, float]:
+        return (
+            -math.inf if self.mark_z_min is None else self.mark_z_min,
+            math.inf if self.mark_z_max is None else self.mark_z_max,
+        )
+
+    @property
+    def _body(self) -> FloatArray:
+        if self.body_min is None or self.body_max is None:
+            return np.array([[math.inf] * 3, [-math.inf] * 3])  # no point lies in this box
+        return np.array([self.body_min, self.body_max], np.float64)
 
     def inverse_model(
         self, distance: npt.ArrayLike, reading: float, prior: npt.ArrayLike = 0.5
@@ -126,20 +171,26 @@ class BeamSensor:
 
         Raises:
             InputError: scans of the plane and of space are mixed.
+            ConfigError: a filter for scans of space meets scans of the plane.
         """
-        from oddsmap.kernels.beams import BELOW, LOST, NAN, cut_beams
+        from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN, cut_beams
 
         finite = [scan for scan in scans if scan.map_from_sensor.is_finite]
         if len({scan.directions.shape[1] for scan in finite}) > 1:
             raise InputError("scans of the plane and of space cannot go into one map")
         d = finite[0].directions.shape[1] if finite else 2
+        if d == 2 and (self._heights != (-math.inf, math.inf) or self.body_min is not None):
+            raise ConfigError(
+                "sensor.mark_z_min, mark_z_max, body_min and body_max are for scans of space: "
+                "these are of the plane"
+            )
         starts = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in finite])])
         starts = starts.astype(np.int64)
         shared = all(scan.directions is finite[0].directions for scan in finite)
         none = np.empty((0, d))
         directions = [scan.directions for scan in (finite[:1] if shared else finite)]
         origins = np.array([scan.map_from_sensor.translation for scan in finite]).reshape(-1, d)
-        counts = np.zeros(3, np.int64)
+        counts = np.zeros(5, np.int64)
         ends = np.empty((starts[-1], d))
         tips = np.empty_like(ends) if self.hit_width > 0 else ends
         hit = np.empty(len(ends), np.bool_)
@@ -160,6 +211,8 @@ class BeamSensor:
                 unknown,
             ),
             self.hit_width / 2,
+            self._heights,
+            self._body,
             ends,
             tips,
             hit,
@@ -175,6 +228,8 @@ class BeamSensor:
                 "beam.nan": int(counts[NAN]),
                 "beam.below_range_min": int(counts[BELOW]),
                 "beam.no_return": int(counts[LOST]),
+                "hit.outside_heights": int(counts[HEIGHT]),
+                "hit.on_body": int(counts[BODY]),
             }
         )
         ends = ends[:used]
