@@ -76,7 +76,7 @@ def result(config: Config, log: list[Scan]) -> tuple[bytes, ...]:
     evidence = build_map(log, config.map.resolution, sensor=config.sensor, votes=config.map.votes)
     evidence.config = config
     view = evidence.log_odds()
-    parts = [*evidence.cells(), view.probability()]
+    parts: list[np.ndarray[Any, Any]] = [*evidence.cells(), view.probability()]
     if evidence.ndim == 2:
         parts.append(view.state())
     return tuple(part.tobytes() for part in parts)

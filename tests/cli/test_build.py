@@ -204,7 +204,9 @@ def test_directory_and_missing_file(run: Run, tmp_path: Path) -> None:
         (["--set", "nonsense"], "section.field=value"),
         (["--sensor", "sonar"], "lidar2d"),
         (["--estimator", "full-map"], "not available"),
-        (["--poses", "poses.txt"], "have poses"),
+        (["--poses", "poses.txt"], "has poses"),
+        (["--sensor", "lidar3d"], "the logs are of lidar2d"),
+        (["--camera", "1 2 3"], "fx fy cx cy width height"),
         (["--config", "missing.toml"], "cannot be read"),
         (["--clear-range", "-1"], "sensor.clear_range"),
     ],
@@ -264,3 +266,32 @@ def test_npz_beam_log(run: Run, tmp_path: Path) -> None:
     np.savez(tmp_path / "cones.npz", beams=beams, cone_deg=25.0, range_max=5.0)
     line = run("build", tmp_path / "cones.npz", "--resolution", 1, "-o", tmp_path / "y.zarr").line
     assert "cone" in line
+
+
+def test_a_folder_of_clouds(run: Run, tmp_path: Path) -> None:
+    clouds, out = tmp_path / "clouds", tmp_path / "x.zarr"
+    clouds.mkdir()
+    points = np.array([[1.55, 0.05, 0.05, 0.0], [0.05, 1.55, 1.05, 0.0]], np.float32)
+    for i in range(2):
+        points.tofile(clouds / f"{i:06d}.bin")
+    poses = tmp_path / "poses.txt"
+    poses.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 5 0 1 0 0 0 0 1 0\n")
+    words = ["build", clouds, "--resolution", 0.1, "-o", out, "--json"]
+    assert "pose" in run(*words).line
+    facts = run(*words, "--poses", poses, "--set", "sensor.mark_z_max=0.5").json
+    assert (facts["scans"], facts["beams"], facts["hits"]) == (2, 4, 2)
+    assert facts["skipped"] == {"hit.outside_heights": 2}
+    assert facts["volume_m3"] > 0
+    index, hits, _ = oddsmap.load_map(out).cells()
+    assert {tuple(cell) for cell in index[hits > 0]} == {(15, 0, 0), (65, 0, 0)}
+    moved = "0 0 0 0 0 0.7071067811865476 0.7071067811865476"  # a quarter turn to the left
+    run(*words, "--poses", poses, "--body-from-sensor", moved, "--force")
+    index, hits, _ = oddsmap.load_map(out).cells()
+    assert (-1, 15, 0) in {tuple(cell) for cell in index[hits > 0]}
+
+
+def test_a_doubtful_range_max_is_mentioned(run: Run, office: Path, tmp_path: Path) -> None:
+    out = tmp_path / "x.zarr"
+    said = run("build", office, "--resolution", 0.2, "--range-max", 100, "-o", out, "--json")
+    assert "such readings now count as obstacles" in said.err
+    assert said.json["skipped"] == {}

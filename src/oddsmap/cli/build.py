@@ -17,21 +17,26 @@ import typer
 if TYPE_CHECKING:
     from oddsmap.config import Config
     from oddsmap.evidence import EvidenceMap
+    from oddsmap.poses import Pose3
     from oddsmap.scan import Log
+    from oddsmap.sensors.depth_camera import PinholeCamera
 
 __all__ = ["HELP", "build"]
 
-HELP = """Map one or more logs.
+HELP = """Map one or more logs: of the plane or of space, as their scans are.
 
 \b
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
   oddsmap build run.log --resolution 0.1 --range-max 30 --clear-range 10 -o run.zarr
   oddsmap build run.log --config lidar.toml --set sensor.hit_width=0.1 -o run.zarr --json
+  oddsmap build clouds/ --poses poses.txt --resolution 0.1 --set sensor.mark_z_min=0.2 -o hall.zarr
 """
 
 
 def build(
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="CARMEN log or NPZ beams.")],
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="A log file, or a folder of scans.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MAP.zarr")],
     resolution: Annotated[
         float | None, typer.Option(metavar="M", help="Side of a cell in metres.")
@@ -49,12 +54,28 @@ def build(
     threads: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Default: all cores. Changes no bit.")
     ] = None,
-    sensor: Annotated[str, typer.Option(metavar="NAME", help="Kind of sensor.")] = "lidar2d",
+    sensor: Annotated[
+        str | None, typer.Option(metavar="NAME", help="lidar2d, lidar3d or depth: checked.")
+    ] = None,
     estimator: Annotated[
         Literal["filter", "full-map"], typer.Option(help="full-map: not available yet.")
     ] = "filter",
     poses: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Poses, for scans that come without.")
+        Path | None, typer.Option(metavar="FILE", help="KITTI or TUM poses of a folder of scans.")
+    ] = None,
+    times: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Stamps of a folder of scans, in seconds.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(metavar="S", help="How far a pose may be from a scan's stamp.")
+    ] = 0.02,
+    extrinsics: Annotated[
+        str | None,
+        typer.Option("--body-from-sensor", metavar="'X Y Z QX QY QZ QW'", help="Where it sits."),
+    ] = None,
+    intrinsics: Annotated[
+        str | None,
+        typer.Option("--camera", metavar="'FX FY CX CY W H'", help="Of depth images [pixels]."),
     ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Sections map, sensor, posterior.")
@@ -78,8 +99,10 @@ def build(
     from oddsmap.integrate import Report, add_log
     from oddsmap.readers import open_log
 
-    _only("sensor", sensor, "lidar2d")
-    _only("estimator", estimator, "filter")
+    if estimator != "filter":
+        raise ConfigError(f'--estimator {estimator}: not available, this version has "filter"')
+    if sensor is not None and sensor not in SENSORS:
+        raise ConfigError(f"--sensor {sensor}: not available, known are {', '.join(SENSORS)}")
     check_output(output, force=force)
     flags = {"map": {"resolution": resolution, "votes": votes}}
     flags["sensor"] = {"range_max": range_max, "clear_range": clear_range}
@@ -89,11 +112,23 @@ def build(
     _resolved(layers, {})  # a mistake in the settings shows before a long log is read
 
     started = time.perf_counter()
-    opened = [open_log(path, skip_bad=skip_bad) for path in logs]
-    if poses is not None:
+    opened = [
+        open_log(
+            path,
+            poses=poses,
+            times=times,
+            tolerance_s=tolerance,
+            body_from_sensor=_extrinsics(extrinsics),
+            camera=_camera(intrinsics),
+            skip_bad=skip_bad,
+        )
+        for path in logs
+    ]
+    kinds = {_kind(log) for log in opened}
+    if len(kinds) > 1 or (sensor is not None and sensor not in kinds):
         raise ConfigError(
-            f"{poses}: not needed, the scans of {logs[0]} have poses ({opened[0].format}); "
-            "leave --poses out"
+            f"{logs[0]}: the logs are of {' and '.join(sorted(kinds))}"
+            + (f", --sensor says {sensor}" if sensor else ", one map takes one kind")
         )
     read_s = time.perf_counter() - started
 
@@ -104,6 +139,7 @@ def build(
         votes=first.map.votes,
         sensor=first.sensor,
         posterior=first.posterior,
+        ndim=2 if kinds == {"lidar2d"} else 3,
     )
     total = Report()
     workers = threads or _cores()
@@ -115,15 +151,19 @@ def build(
             total.add(report.scans, report.beams, report.skipped)
             total.integrate_s += report.integrate_s
             total.compile_s += report.compile_s
+            read_s += report.read_s
     evidence.save(output, force=force)
     facts = _facts(evidence, total.skipped, output)
     facts |= {"scans": total.scans, "beams": total.beams, "read_s": round(read_s, 6)}
     facts |= {"integrate_s": round(total.integrate_s, 6), "compile_s": round(total.compile_s, 6)}
     facts |= {"threads": workers}
+    for log, settled in zip(opened, configs, strict=True):
+        for note in (*log.notes, *_doubts(log, settled)):
+            typer.echo(f"{log.path}: {note}", err=as_json)
     if as_json:
         typer.echo(json.dumps(facts))
     else:
-        _say(facts, opened)
+        _say(facts)
 
 
 def _cores() -> int:
@@ -132,11 +172,55 @@ def _cores() -> int:
     return os.cpu_count() or 1
 
 
-def _only(option: str, value: str, known: str) -> None:
+SENSORS = ("lidar2d", "lidar3d", "depth")
+
+
+def _kind(log: Log) -> str:
+    if hasattr(log, "depth_scans"):
+        return "depth"
+    first = next(iter(log), None)
+    return "lidar2d" if first is None or first.directions.shape[1] == 2 else "lidar3d"
+
+
+def _doubts(log: Log, settled: Config) -> list[str]:
+    """What a person should know of settings that do not fit the log."""
+    said, given = log.sensor.get("range_max"), settled.sensor.range_max
+    if said is None or given is None or given <= said:
+        return []
+    return [
+        f"range_max {given:g} is above the {said:g} m that this log writes where nothing was seen: "
+        "such readings now count as obstacles"
+    ]
+
+
+def _numbers(option: str, text: str, names: str) -> list[float]:
     from oddsmap.errors import ConfigError
 
-    if value != known:
-        raise ConfigError(f'--{option} {value}: not available, this version has "{known}"')
+    try:
+        numbers = [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != len(names.split()):
+        raise ConfigError(f'{option} "{text}": needs the numbers {names}')
+    return numbers
+
+
+def _extrinsics(text: str | None) -> Pose3 | None:
+    from oddsmap.poses import Pose3
+
+    if text is None:
+        return None
+    numbers = _numbers("--body-from-sensor", text, "x y z qx qy qz qw")
+    return Pose3.from_quaternion_xyzw(numbers[:3], numbers[3:])
+
+
+def _camera(text: str | None) -> PinholeCamera | None:
+    from oddsmap.sensors.depth_camera import PinholeCamera
+
+    if text is None:
+        return None
+    fx, fy, cx, cy, width, height = _numbers("--camera", text, "fx fy cx cy width height")
+    return PinholeCamera(fx, fy, cx, cy, int(width), int(height))
 
 
 Layers = list[tuple[str, dict[str, dict[str, Any]]]]
@@ -200,25 +284,23 @@ def _facts(evidence: EvidenceMap, skipped: Counter[str], output: Path) -> dict[s
         "hits": int(hits.sum()) / ONE,
         "passes": int(passes.sum()) / ONE,
         "cells_known": known,
-        "area_m2": round(known * evidence.resolution**2, 3),
+        "area_m2" if evidence.ndim == 2 else "volume_m3": round(
+            known * evidence.resolution**evidence.ndim, 3
+        ),
         "skipped": dict(skipped),
         "bytes_in_memory": evidence.nbytes,
         "bytes_on_disk": sum(file.stat().st_size for file in output.rglob("*") if file.is_file()),
     }
 
 
-def _say(facts: dict[str, Any], logs: list[Log]) -> None:
+def _say(facts: dict[str, Any]) -> None:
     say = typer.echo
-    for log in logs:
-        for note in log.notes:
-            say(f"{log.path}: {note}")
     say(f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
     for reason, count in sorted(facts["skipped"].items()):
         say(f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
-    say(
-        f"seen     {facts['area_m2']:,.1f} square metres in {facts['cells_known']:,} cells of "
-        f"{facts['resolution']:g} m"
-    )
+    flat = "area_m2" in facts
+    seen = f"{facts['area_m2']:,.1f} square" if flat else f"{facts['volume_m3']:,.1f} cubic"
+    say(f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
     say(
         f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "
         f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
@@ -226,7 +308,10 @@ def _say(facts: dict[str, Any], logs: list[Log]) -> None:
     output = facts["output"]
     say(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
     stem = Path(output).with_suffix("")
-    say(f"next     oddsmap export {output} {stem}.png    (or {stem}.yaml for ROS)")
+    if flat:
+        say(f"next     oddsmap export {output} {stem}.png    (or {stem}.yaml for ROS)")
+    else:
+        say(f"next     oddsmap export {output} {stem}.ply    (or .bt; .png with --z-min, --z-max)")
 
 
 _WHY = {
