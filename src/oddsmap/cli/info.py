@@ -29,6 +29,9 @@ def info(
     path: Annotated[
         Path, typer.Argument(metavar="PATH", help="A log, a saved map, or an OctoMap.")
     ],
+    poses: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="KITTI or TUM poses of a folder of scans.")
+    ] = None,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
     ] = False,
@@ -47,7 +50,7 @@ def info(
     else:
         from oddsmap.readers import open_log
 
-        facts = _of_log(open_log(path, skip_bad=skip_bad))
+        facts = _of_log(open_log(path, poses=poses, skip_bad=skip_bad))
     if as_json:
         typer.echo(json.dumps(facts))
         return
