@@ -166,6 +166,51 @@ def test_space(side: int, tmp_path: Path) -> None:
         assert int(box[0].sum()) == int(hits[inside].sum())
 
 
+near = st.integers(-20, 20)
+space_cell = st.tuples(near, near, near)
+space_votes = st.dictionaries(space_cell, st.tuples(weight, weight), max_size=8)
+
+
+@given(space_votes, space_votes, sides, sides, space_cell, st.tuples(*[st.integers(0, 30)] * 3))
+def test_space_against_a_dictionary(
+    votes: Votes,
+    others: Votes,
+    side: int,
+    other_side: int,
+    lo: tuple[int, int, int],
+    size: tuple[int, int, int],
+) -> None:
+    """Adding, merging, cropping and looking at a box."""
+    evidence, other = (EvidenceMap(0.5, ndim=3, tile_side=n) for n in (side, other_side))
+    add_votes(evidence, votes)
+    add_votes(other, others)
+    evidence.merge(other)
+    want = known(total(votes, others))
+    assert votes_of(evidence) == want
+    assert evidence.cell_count() == len(want)
+    if want:
+        bounds = evidence.bounds()
+        assert bounds is not None
+        places = np.array(list(want))
+        assert (bounds[0] == places.min(axis=0)).all()
+        assert (bounds[1] == places.max(axis=0) + 1).all()
+    hi = tuple(a + n for a, n in zip(lo, size, strict=True))
+    inside = {
+        at: vote
+        for at, vote in want.items()
+        if all(a <= i < b for i, a, b in zip(at, lo, hi, strict=True))
+    }
+    assert votes_of(evidence.crop(lo, hi)) == inside
+    hits, passes = evidence.region_units(lo, hi)
+    assert hits.shape == passes.shape == size[::-1]
+    for (x, y, z), vote in inside.items():
+        at = (z - lo[2], y - lo[1], x - lo[0])
+        assert (hits[at], passes[at]) == vote
+        hits[at] = passes[at] = 0
+    assert not hits.any()
+    assert not passes.any()
+
+
 def test_cells_are_sorted_x_fastest() -> None:
     evidence = EvidenceMap(1.0)
     add_votes(evidence, {(5, -1): (ONE, 0), (-50, 3): (ONE, 0), (4, -1): (ONE, 0), (0, 0): (0, 1)})

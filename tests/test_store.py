@@ -61,6 +61,24 @@ def test_save_and_load_is_identity(tmp_path: Path, side: int, shift: tuple[int, 
     assert votes_of(load_map(tmp_path / "a.zarr")) == votes
 
 
+@pytest.mark.parametrize(
+    ("side", "shift"), [(2, (127, -128, 1)), (8, (*UTM, -7)), (16, (-90, 60, 128))]
+)
+def test_save_and_load_of_space_is_identity(
+    tmp_path: Path, side: int, shift: tuple[int, int, int]
+) -> None:
+    rng = np.random.default_rng(side)
+    places = rng.integers(-20, 20, (100, 3)) + shift
+    votes: Votes = {
+        (int(x), int(y), int(z)): (int(h), int(p))
+        for (x, y, z), (h, p) in zip(places, rng.integers(1, 1 << 20, (100, 2)), strict=True)
+    }
+    a_map(votes, side=side, ndim=3).save(tmp_path / "a.zarr")
+    again = load_map(tmp_path / "a.zarr")
+    assert again.ndim == 3
+    assert votes_of(again) == votes
+
+
 def test_a_tile_across_shards_is_written_whole(tmp_path: Path) -> None:
     """Tiles of 5 cells straddle the shard's corner at (1024, 1024); so do big ones in space."""
     votes: Votes = {(x, y): (ONE, 0) for x in (1020, 1023, 1024) for y in (1020, 1023, 1024)}

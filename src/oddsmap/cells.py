@@ -11,13 +11,13 @@ from oddsmap.kernels.beams import ScanCells, cell_bounds
 from oddsmap.sensors.beam import Segments
 from oddsmap.tiles import memory_limit
 
-__all__ = ["to_cells"]
+__all__ = ["MAX_COORDINATE", "check_size", "to_cells"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 # Beyond this many cells from the map's origin no precision is left within a cell.
-_MAX_COORDINATE = float(1 << 45)
+MAX_COORDINATE = float(1 << 45)
 # A longer segment would leave fixed point (see kernels/segments.py).
 _MAX_LENGTH = 1 << 22
 
@@ -39,34 +39,46 @@ def to_cells(
     Raises:
         MapTooLargeError: a scan spans too many cells, or memory could not hold it.
     """
-    segments, too_far = _without_far(segments, _MAX_COORDINATE * resolution)
+    segments, too_far = _without_far(segments, MAX_COORDINATE * resolution)
     origins, offsets = segments.origins / resolution, segments.offsets
     lo, hi, way = origins.copy(), origins.copy(), np.zeros(len(origins))
     cell_bounds(segments.ends, offsets, resolution, lo, hi, way)
     if segments.tips is not segments.ends:
         cell_bounds(segments.tips, offsets, resolution, lo, hi, np.zeros_like(way))
+    # A margin of one cell: rounding may carry a ray along a border to the cell beside it. (Exact in
+    # floats: a tile's index has a bit less for every bit that a place within a tile has.)
+    first, past = np.floor((np.floor(lo) - 1) / side), np.floor((np.floor(hi) + 1) / side) + 1
     if len(origins):
-        _check_size(np.diff(offsets), way, hi - lo, resolution, side, max_window)
-    # A margin of one cell: rounding may carry a ray along a border to the cell beside it.
-    tiles_lo = (np.floor(lo).astype(np.int64) - 1) // side
-    tiles_hi = (np.floor(hi).astype(np.int64) + 1) // side + 1
+        check_size(np.diff(offsets), way, (past - first) * side, resolution, side, max_window)
+    tiles_lo, tiles_hi = first.astype(np.int64), past.astype(np.int64)
     return (
         ScanCells(origins, offsets, segments.ends, segments.tips, segments.hit, tiles_lo, tiles_hi),
         too_far,
     )
 
 
-def _check_size(
+def check_size(
     beams: IntArray,
     way: FloatArray,
-    span: FloatArray,
+    extent: FloatArray,
     resolution: float,
     side: int,
     max_window: int,
 ) -> None:
-    """Refuse a scan that memory could not hold, before any of it is done."""
-    d = span.shape[1]
-    extent = span + 2 * side
+    """Refuse scans that memory could not hold, before any of them is done.
+
+    Args:
+        beams: how many each has, shape (scans,).
+        way: bounds how many cells the beams of each pass, shape (scans,).
+        extent: of each one's window [cells], shape (scans, d).
+        resolution: side of a cell [m].
+        side: cells along a tile's side.
+        max_window: the most cells that one scan may span.
+
+    Raises:
+        MapTooLargeError: a scan spans too many cells, or memory could not hold it.
+    """
+    d = extent.shape[1]
     window = extent.prod(axis=1)
     # Tiles of two bytes a cell: no more than a beam's way passes, nor than the window holds.
     bytes_needed = 2.0 * np.minimum((way / side + d * beams) * float(side) ** d, window)

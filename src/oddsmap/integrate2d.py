@@ -21,6 +21,7 @@ from oddsmap.kernels.integrate2d import DONE, FULL, count_votes, mark_votes
 from oddsmap.kernels.segments import COLUMNS
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor, Segments
+from oddsmap.sensors.depth_camera import DepthScan
 from oddsmap.tiles import TileStore
 
 __all__ = ["Integrator2D"]
@@ -56,7 +57,7 @@ class Integrator2D:
         self._table = np.zeros((0, COLUMNS), np.int64)
         self._buffer = np.zeros((2, 0), np.int32)
 
-    def add(self, scans: Sequence[Scan]) -> tuple[int, int, Counter[str]]:
+    def add(self, scans: Sequence[Scan | DepthScan]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
         segments, skipped = self._sensor.segments(scans)
         if len(segments.origins) and segments.origins.shape[1] != 2:

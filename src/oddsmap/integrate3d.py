@@ -19,12 +19,16 @@ from oddsmap.kernels.count3d import apply_counts, count_scan
 from oddsmap.kernels.integrate3d import BIN_COUNT, apply_marks, mark_scan, sort_rays
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.tiles import TileStore
+from oddsmap.sensors.depth_camera import DepthScan
+from oddsmap.tiles import TileStore, memory_limit
 
 __all__ = ["Integrator3D"]
 
-# A block's place and a place within it are one number of 31 bits.
-_MAX_SCAN_CELLS = (1 << 31) - 1
+# A cell's code (its block's place in the window and its place in the block) has 31 bits, which lets
+# the kernels run twice as many lanes, or 63 in a window of more cells than this.
+_SHORT_CODES = (1 << 31) - 1
+# A window's table has 4 bytes a block. Only what rays touch takes memory, but that may be all.
+_MAX_TABLE_BLOCKS = min((1 << 31) - 1, memory_limit() // 8)
 # Blocks that there is room for at first; it grows when a scan touches more.
 _FIRST_BLOCKS = 1 << 10
 
@@ -54,6 +58,7 @@ class Integrator3D:
         self._bits = tiles.side.bit_length() - 1
         if tiles.side != 1 << self._bits:
             raise InputError(f"tiles of space need a side that is a power of 2, got {tiles.side}")
+        self._most_cells = _MAX_TABLE_BLOCKS << (3 * self._bits)
         self._used = np.zeros(1, np.int64)
         self._marks = np.zeros(0, np.uint8)
         self._weights = np.zeros((2, 0), np.int64)
@@ -65,12 +70,12 @@ class Integrator3D:
         self._zone_weights = np.zeros(zone, np.int64)
         self._grow(_FIRST_BLOCKS)
 
-    def add(self, scans: Sequence[Scan]) -> tuple[int, int, Counter[str]]:
+    def add(self, scans: Sequence[Scan | DepthScan]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
         segments, skipped = self._sensor.segments(scans)
         if len(segments.origins) and segments.origins.shape[1] != 3:
             raise InputError("scans of the plane cannot go into a map of space")
-        cells, too_far = to_cells(segments, self._resolution, self.tiles.side, _MAX_SCAN_CELLS)
+        cells, too_far = to_cells(segments, self._resolution, self.tiles.side, self._most_cells)
         if too_far:
             skipped["scan.pose_too_far"] += too_far
         for scan in range(len(cells.origins)):
@@ -80,13 +85,21 @@ class Integrator3D:
     def _integrate(self, scans: ScanCells, scan: int) -> None:
         tiles_lo = scans.tiles_lo[scan]
         shape = scans.tiles_hi[scan] - tiles_lo
-        across, up = int(shape[0]), int(shape[1])
-        if len(self._table) < shape.prod():
-            self._table = np.zeros(int(shape.prod()), np.int32)
+        self._open_window(shape)
         if self._marks_only:
             self._mark(scans, scan, shape)
         else:
             self._count(scans, scan, shape)
+        self._apply(tiles_lo, shape)
+
+    def _open_window(self, shape: npt.NDArray[np.int64]) -> None:
+        """Have a table for a window of so many blocks."""
+        if len(self._table) < shape.prod():
+            self._table = _new_table(int(shape.prod()))
+
+    def _apply(self, tiles_lo: npt.NDArray[np.int64], shape: npt.NDArray[np.int64]) -> None:
+        """Add what is marked or counted in a window to the tiles."""
+        across, up = int(shape[0]), int(shape[1])
         with self._lock:
             touched = int(self._used[0])
             self.tiles.reserve(
@@ -137,8 +150,15 @@ class Integrator3D:
             if first >= 0:
                 self._grow(3 * buffer.shape[1] + len(self._zone))
 
-    def _ray_buffer(self, shape: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
-        return np.empty((3, (int(shape.max()) << self._bits) + 2), np.int32)
+    def _ray_buffer(self, shape: npt.NDArray[np.int64]) -> npt.NDArray[np.signedinteger]:
+        return self._code_buffer(shape, (3, (int(shape.max()) << self._bits) + 2))
+
+    def _code_buffer(
+        self, shape: npt.NDArray[np.int64], room: tuple[int, int]
+    ) -> npt.NDArray[np.signedinteger]:
+        """Room for codes of the cells of a window."""
+        short = int(shape.prod()) << (3 * self._bits) <= _SHORT_CODES
+        return np.empty(room, np.int32) if short else np.empty(room, np.int64)
 
     def _grow(self, more: int) -> None:
         before = len(self._used)
@@ -156,6 +176,16 @@ class Integrator3D:
             weights[:, : self._weights.shape[1]] = self._weights
             self._weights = weights
         self._used = used
+
+
+def _new_table(blocks: int) -> npt.NDArray[np.int32]:
+    try:
+        return np.zeros(blocks, np.int32)
+    except MemoryError:
+        raise MapTooLargeError(
+            f"no memory for the {blocks:.1e} blocks around one scan ({4e-9 * blocks:.1f} GB): use "
+            "a coarser resolution, or range_max where a reading is too long"
+        ) from None
 
 
 def _strides(shape: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -8,7 +8,7 @@
 for all maps of a resolution (multiples of the shard's side, counted from the map's origin), and
 empty ones are not written: a region can be read, or written by another process, on its own. The
 attribute `shards` lists those that were written, so that one that has gone missing is noticed.
-docs/format.md lists every attribute.
+docs/formats.md lists every attribute.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ from typing import Protocol
 from oddsmap.evidence import EvidenceMap
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.depth_camera import DepthScan
 from oddsmap.tiles import TileStore
 
 __all__ = ["Team"]
@@ -35,7 +36,7 @@ class Integrator(Protocol):
 
     tiles: TileStore
 
-    def add(self, scans: Sequence[Scan]) -> Counts:
+    def add(self, scans: Sequence[Scan | DepthScan]) -> Counts:
         """Add a batch: scans used, beams used, and what was skipped by reason."""
 
 
@@ -46,11 +47,14 @@ class Team:
         evidence: the map to add to.
         sensor: the sensor model of the scans.
         threads: how many.
+        method: "rays" or "projective", see `build_map`.
     """
 
-    def __init__(self, evidence: EvidenceMap, sensor: BeamSensor, threads: int) -> None:
+    def __init__(
+        self, evidence: EvidenceMap, sensor: BeamSensor, threads: int, method: str = "rays"
+    ) -> None:
         self._evidence = evidence
-        self._integrators = _integrators(evidence, sensor, threads)
+        self._integrators = _integrators(evidence, sensor, threads, method)
         self._busy_s = dict.fromkeys(range(threads), 0.0)
         self.read_s = 0.0
         """Time that was spent waiting for scans [s]: reading, where a log reads on demand."""
@@ -61,7 +65,7 @@ class Team:
         """Wall time of integration alone [s]: the busiest thread's, and adding up."""
         return max(self._busy_s.values()) + self.merge_s
 
-    def run(self, scans: Iterable[Scan]) -> Iterator[Counts]:
+    def run(self, scans: Iterable[Scan | DepthScan]) -> Iterator[Counts]:
         """Add all scans; gives the counts of each batch as it is done."""
         batches = self._batches(scans)
         if len(self._integrators) == 1:
@@ -72,7 +76,7 @@ class Team:
         for who in range(len(self._integrators)):
             idle.put(who)
 
-        def work(batch: list[Scan]) -> Counts:
+        def work(batch: list[Scan | DepthScan]) -> Counts:
             who = idle.get()
             try:
                 return self._add(who, batch)
@@ -94,15 +98,15 @@ class Team:
                 self._evidence.tiles.merge(integrator.tiles)
         self.merge_s = time.perf_counter() - started
 
-    def _add(self, who: int, batch: list[Scan]) -> Counts:
+    def _add(self, who: int, batch: list[Scan | DepthScan]) -> Counts:
         started = time.perf_counter()
         try:
             return self._integrators[who].add(batch)
         finally:
             self._busy_s[who] += time.perf_counter() - started
 
-    def _batches(self, scans: Iterable[Scan]) -> Iterator[list[Scan]]:
-        batch: list[Scan] = []
+    def _batches(self, scans: Iterable[Scan | DepthScan]) -> Iterator[list[Scan | DepthScan]]:
+        batch: list[Scan | DepthScan] = []
         beams = 0
         source = iter(scans)
         while True:
@@ -112,7 +116,7 @@ class Team:
             if scan is None:
                 break
             batch.append(scan)
-            beams += len(scan.ranges)
+            beams += scan.depth.size if isinstance(scan, DepthScan) else len(scan.ranges)
             if beams >= _BATCH_BEAMS:
                 yield batch
                 batch, beams = [], 0
@@ -120,11 +124,18 @@ class Team:
             yield batch
 
 
-def _integrators(evidence: EvidenceMap, sensor: BeamSensor, threads: int) -> Sequence[Integrator]:
+def _integrators(
+    evidence: EvidenceMap, sensor: BeamSensor, threads: int, method: str
+) -> Sequence[Integrator]:
+    lock = threading.Lock()
+    if method == "projective":
+        from oddsmap.integrate_projective import ProjectiveIntegrator
+
+        tiles = evidence.tiles
+        return [ProjectiveIntegrator(evidence, sensor, tiles, lock) for _ in range(threads)]
     if evidence.ndim == 3:
         from oddsmap.integrate3d import Integrator3D
 
-        lock = threading.Lock()
         return [Integrator3D(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
     from oddsmap.integrate2d import Integrator2D
 

@@ -206,6 +206,7 @@ def test_directory_and_missing_file(run: Run, tmp_path: Path) -> None:
         (["--estimator", "full-map"], "not available"),
         (["--poses", "poses.txt"], "has poses"),
         (["--sensor", "lidar3d"], "the logs are of lidar2d"),
+        (["--method", "projective"], "is for depth images"),
         (["--camera", "1 2 3"], "fx fy cx cy width height"),
         (["--config", "missing.toml"], "cannot be read"),
         (["--clear-range", "-1"], "sensor.clear_range"),

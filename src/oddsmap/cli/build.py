@@ -57,6 +57,10 @@ def build(
     sensor: Annotated[
         str | None, typer.Option(metavar="NAME", help="lidar2d, lidar3d or depth: checked.")
     ] = None,
+    method: Annotated[
+        Literal["rays", "projective"],
+        typer.Option(help="How depth images clear; projective is faster and approximate."),
+    ] = "rays",
     estimator: Annotated[
         Literal["filter", "full-map"], typer.Option(help="full-map: not available yet.")
     ] = "filter",
@@ -130,6 +134,10 @@ def build(
             f"{logs[0]}: the logs are of {' and '.join(sorted(kinds))}"
             + (f", --sensor says {sensor}" if sensor else ", one map takes one kind")
         )
+    if method == "projective" and kinds != {"depth"}:
+        raise ConfigError(
+            f"{logs[0]}: --method projective is for depth images, the scans are {min(kinds)}"
+        )
     read_s = time.perf_counter() - started
 
     configs = [_resolved(layers, log.sensor) for log in opened]
@@ -146,7 +154,12 @@ def build(
     with _progress(sum(len(log) for log in opened), quiet=as_json) as advance:
         for log, settled in zip(opened, configs, strict=True):
             report = add_log(
-                evidence, log, sensor=settled.sensor, threads=workers, progress=advance(log)
+                evidence,
+                log,
+                sensor=settled.sensor,
+                method=method,
+                threads=workers,
+                progress=advance(log),
             )
             total.add(report.scans, report.beams, report.skipped)
             total.integrate_s += report.integrate_s

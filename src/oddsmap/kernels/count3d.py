@@ -32,7 +32,7 @@ def count_scan(
     blocks: IntArray,
     every_beam: bool,
     share: bool,
-    buffer: npt.NDArray[np.int32],
+    buffer: npt.NDArray[np.signedinteger],
     table: npt.NDArray[np.int32],
     used: IntArray,
     weights: IntArray,

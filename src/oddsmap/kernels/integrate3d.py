@@ -150,7 +150,7 @@ def mark_scan(
     bins: npt.NDArray[np.int32],
     spans: FloatArray,
     done: npt.NDArray[np.int32],
-    buffer: npt.NDArray[np.int32],
+    buffer: npt.NDArray[np.signedinteger],
     table: npt.NDArray[np.int32],
     used: IntArray,
     marks: Marks,
@@ -279,10 +279,10 @@ def _marked_slabs(
     c = b + 1 if b < 2 else 0
     a0, b0, c0 = origin[a] - lo[a], origin[b] - lo[b], origin[c] - lo[c]
     if face & 1:
-        step, first = -1, np.int64(math.ceil(a0)) - 1
+        step, first = -1, np.int64(math.ceil(origin[a])) - 1 - lo[a]
         to_border = a0 - first
     else:
-        step, first = 1, np.int64(math.floor(a0))
+        step, first = 1, np.int64(math.floor(origin[a])) - lo[a]
         to_border = first + 1 - a0
     p_lo, p_hi, q_lo, q_hi = spans[at, 0], spans[at, 1], spans[at, 2], spans[at, 3]
     a_block, b_block, c_block = blocks[a], blocks[b], blocks[c]

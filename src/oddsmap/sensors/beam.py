@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.scan import Scan
+from oddsmap.sensors.depth_camera import DepthScan
 
 __all__ = ["BeamSensor", "Segments", "logit"]
 
@@ -104,7 +105,7 @@ class BeamSensor:
         self._check_filters()
 
     def _check_filters(self) -> None:
-        low, high = self._heights
+        low, high = self.heights
         for name in ("mark_z_min", "mark_z_max"):
             value = getattr(self, name)
             if value is not None and not math.isfinite(value):
@@ -125,17 +126,33 @@ class BeamSensor:
                 )
 
     @property
-    def _heights(self) -> tuple[float, float]:
+    def heights(self) -> tuple[float, float]:
+        """Least and most height in the map frame at which a return marks [m]."""
         return (
             -math.inf if self.mark_z_min is None else self.mark_z_min,
             math.inf if self.mark_z_max is None else self.mark_z_max,
         )
 
     @property
-    def _body(self) -> FloatArray:
+    def body(self) -> FloatArray:
+        """Corners of the body's box in the sensor frame [m], shape (2, 3)."""
         if self.body_min is None or self.body_max is None:
             return np.array([[math.inf] * 3, [-math.inf] * 3])  # no point lies in this box
         return np.array([self.body_min, self.body_max], np.float64)
+
+    @property
+    def limits(self) -> tuple[float, float, float, float]:
+        """range_min, range_max, how far +Inf clears, how far a finite no-return clears [m].
+
+        An unknown range_max is infinite; what clears nothing is NaN.
+        """
+        unseen = self.range_max if self.clear_range is None else self.clear_range
+        return (
+            self.range_min,
+            math.inf if self.range_max is None else self.range_max,
+            math.nan if unseen is None else unseen,
+            math.nan if self.clear_range is None else self.clear_range,
+        )
 
     def inverse_model(
         self, distance: npt.ArrayLike, reading: float, prior: npt.ArrayLike = 0.5
@@ -159,11 +176,11 @@ class BeamSensor:
         odds = np.exp(logit(base) + factor)
         return np.where(at > far, base, odds / (1.0 + odds))
 
-    def segments(self, scans: Sequence[Scan]) -> tuple[Segments, Counter[str]]:
+    def segments(self, scans: Sequence[Scan | DepthScan]) -> tuple[Segments, Counter[str]]:
         """Sort readings into hits, no-returns and what must be skipped.
 
         Args:
-            scans: measurements of one dimension, 2D or 3D.
+            scans: measurements of one dimension, 2D or 3D; depth images are taken as beams.
 
         Returns:
             The segments of the scans with at least one usable beam, and how many scans and beams
@@ -175,11 +192,12 @@ class BeamSensor:
         """
         from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN, cut_beams
 
-        finite = [scan for scan in scans if scan.map_from_sensor.is_finite]
+        beams = [scan.to_scan() if isinstance(scan, DepthScan) else scan for scan in scans]
+        finite = [scan for scan in beams if scan.map_from_sensor.is_finite]
         if len({scan.directions.shape[1] for scan in finite}) > 1:
             raise InputError("scans of the plane and of space cannot go into one map")
         d = finite[0].directions.shape[1] if finite else 2
-        if d == 2 and (self._heights != (-math.inf, math.inf) or self.body_min is not None):
+        if d == 2 and (self.heights != (-math.inf, math.inf) or self.body_min is not None):
             raise ConfigError(
                 "sensor.mark_z_min, mark_z_max, body_min and body_max are for scans of space: "
                 "these are of the plane"
@@ -195,8 +213,6 @@ class BeamSensor:
         tips = np.empty_like(ends) if self.hit_width > 0 else ends
         hit = np.empty(len(ends), np.bool_)
         offsets = np.empty(len(finite) + 1, np.int64)
-        unknown = math.nan if self.clear_range is None else self.clear_range
-        unseen = self.range_max if self.clear_range is None else self.clear_range
         cut_beams(
             _joined([scan.ranges for scan in finite], np.empty(0)),
             _joined(directions, none),
@@ -204,15 +220,10 @@ class BeamSensor:
             starts,
             origins,
             np.array([scan.map_from_sensor.rotation for scan in finite]).reshape(-1, d, d),
-            (
-                self.range_min,
-                math.inf if self.range_max is None else self.range_max,
-                math.nan if unseen is None else unseen,
-                unknown,
-            ),
+            self.limits,
             self.hit_width / 2,
-            self._heights,
-            self._body,
+            self.heights,
+            self.body,
             ends,
             tips,
             hit,
