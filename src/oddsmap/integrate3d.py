@@ -151,7 +151,7 @@ class Integrator3D:
                 self._grow(3 * buffer.shape[1] + len(self._zone))
 
     def _ray_buffer(self, shape: npt.NDArray[np.int64]) -> npt.NDArray[np.signedinteger]:
-        return self._code_buffer(shape, (3, (int(shape.max()) << self._bits) + 2))
+        return self._code_buffer(shape, (3, (int(shape.max()) << self._bits) + 10))
 
     def _code_buffer(
         self, shape: npt.NDArray[np.int64], room: tuple[int, int]

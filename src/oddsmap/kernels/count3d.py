@@ -52,7 +52,7 @@ def count_scan(
         blocks: strides of the window's blocks: 1, blocks along x, blocks along x and y.
         every_beam: True: weights add up; False: a cell keeps the largest.
         share: True: the cells of an occupied part share one hit by length.
-        buffer: room for one ray, shape (3, slabs + 1).
+        buffer: room for one ray, shape (3, slabs + 9).
         table: zeros, one for each block of the window.
         used: used[0] is how many blocks were touched; then their places in the table.
         weights: zeros, shape (2, cells of all blocks), block 0 unused.

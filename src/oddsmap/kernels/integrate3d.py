@@ -168,7 +168,7 @@ def mark_scan(
         bins: from `sort_rays`.
         spans: from `sort_rays`.
         done: zeros at the first call, shape (bins,): leading slabs known to be marked.
-        buffer: room for one ray, shape (3, slabs + 1).
+        buffer: room for one ray, shape (3, slabs + 9).
         table: zeros, one for each block of the window.
         used: used[0] is how many blocks were touched; then their places in the table.
         marks: zeros, one byte a cell, block after block, block 0 unused.
