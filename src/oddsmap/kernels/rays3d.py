@@ -154,8 +154,8 @@ def emit_ray(
     bits32, mask32 = np.int32(bits), np.int32(mask)
     b_far_code, b_near32 = code(b_far), np.int32(b_near)
     c_far_code, c_near32 = code(c_far), np.int32(c_near)
-    # Rounded up to whole vectors: most rays list a dozen slabs, and a scalar rest would cost 10 % of
-    # a scan. The buffer has room, and the rest is not counted.
+    # Rounded up to whole vectors: most rays list a dozen slabs, and a scalar rest would cost 10 %
+    # of a scan. The buffer has room, and the rest is not counted.
     for k in range((inner + 7) & -8):
         place_code = code(_part(column + step * k, bits, mask, a_far, a_near))
         u0, v0 = u_begin + k * su, v_begin + k * sv
