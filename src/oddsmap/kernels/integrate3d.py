@@ -195,34 +195,16 @@ def mark_scan(
             # Blocks are numbered from 1 in the order of first touch; 0 means "not touched". (Not a
             # function of its own: passing arrays costs more than a mark does.)
             for k in range(slabs):
-                to = np.uint64(k)
-                code = np.uint64(buffer[0, to])
-                block = code >> shift
-                slot = np.uint64(table[block])
-                if slot == 0:
-                    used[0] += 1
-                    slot = np.uint64(used[0])
-                    table[block] = np.int32(slot)
-                    used[slot] = np.int64(block)
-                marks[(slot << shift) + (code & within)] = FREE
-                code = np.uint64(buffer[1, to])
-                block = code >> shift
-                slot = np.uint64(table[block])
-                if slot == 0:
-                    used[0] += 1
-                    slot = np.uint64(used[0])
-                    table[block] = np.int32(slot)
-                    used[slot] = np.int64(block)
-                marks[(slot << shift) + (code & within)] = FREE
-                code = np.uint64(buffer[2, to])
-                block = code >> shift
-                slot = np.uint64(table[block])
-                if slot == 0:
-                    used[0] += 1
-                    slot = np.uint64(used[0])
-                    table[block] = np.int32(slot)
-                    used[slot] = np.int64(block)
-                marks[(slot << shift) + (code & within)] = FREE
+                for row in range(3):
+                    code = np.uint64(buffer[row, np.uint64(k)])
+                    block = code >> shift
+                    slot = np.uint64(table[block])
+                    if slot == 0:
+                        used[0] += 1
+                        slot = np.uint64(used[0])
+                        table[block] = np.int32(slot)
+                        used[slot] = np.int64(block)
+                    marks[(slot << shift) + (code & within)] = FREE
         if at > first and begin in LAST_OF_ROUND:
             _advance(origin, lo, bits, blocks, spans, done, table, marks)
     if used[0] + count > room:
