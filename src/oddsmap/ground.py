@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the ground is: a plane through the lowest surfaces of a map of space.
+"""Where the ground is, roughly: a plane through the lowest surfaces of a map of space.
 
 A map's z axis is seldom plumb: a tilt of 2 degrees lifts the floor by 1.75 m over 50 m, and no
-band of absolute heights holds the obstacles of both ends.
+band of absolute heights holds the obstacles of both ends. `ground_surface` starts from this plane.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import InputError
 
-__all__ = ["GroundPlane", "fit_ground"]
+__all__ = ["GroundPlane", "fit_ground", "lowest_of_columns", "plane_through"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -55,7 +55,7 @@ def fit_ground(index: IntArray, resolution: float) -> GroundPlane:
        sight), and up to about 1/4 below.
     3. Least squares over the patches within two cells, at least 0.1 m, of that plane.
 
-    It is one plane: for hills give `project` a function of your own.
+    It is one plane; for ramps, steps and hills see `oddsmap.ground_surface.fit_ground_surface`.
 
     Args:
         index: the occupied cells, shape (n, 3), x first.
@@ -74,12 +74,7 @@ def fit_ground(index: IntArray, resolution: float) -> GroundPlane:
     middle = place.mean(axis=0)
     basis = np.column_stack([np.ones(len(z)), place - middle])
     level = z.mean()
-    plane = np.array([np.quantile(z, _QUANTILE), 0.0, 0.0])
-    for _ in range(_ROUNDS):
-        off = z - basis @ plane
-        # The check function of quantile regression, as weights of squares; 1 mm against 0 / 0.
-        weight = np.where(off > 0.0, _QUANTILE, 1.0 - _QUANTILE) / np.maximum(np.abs(off), 1e-3)
-        plane = _least_squares(basis, z, weight, level)
+    plane = _quantile_plane(basis, z, _QUANTILE)
     near = np.abs(z - basis @ plane) <= max(2.0 * resolution, 0.1)
     if np.count_nonzero(near) >= 3:
         plane = _least_squares(basis, z, near.astype(np.float64), level)
@@ -87,12 +82,41 @@ def fit_ground(index: IntArray, resolution: float) -> GroundPlane:
     return GroundPlane(float(height), float(plane[1]), float(plane[2]))
 
 
-def _lowest_of_patches(index: IntArray, resolution: float) -> tuple[FloatArray, FloatArray]:
-    # Lowest cell of each column: the first of each in the order (x, y, z).
+def lowest_of_columns(index: IntArray) -> IntArray:
+    """The lowest cell of each column, in the order of (x, y).
+
+    Args:
+        index: cells, shape (n, 3), x first, in any order.
+
+    Returns:
+        Shape (m, 3), one row a column.
+    """
     cells = index[np.lexsort(index.T[::-1])]
     first = np.ones(len(cells), np.bool_)
     first[1:] = (cells[1:, :2] != cells[:-1, :2]).any(axis=1)
-    cells = cells[first]
+    return np.asarray(cells[first], np.int64)
+
+
+def plane_through(place: FloatArray, z: FloatArray) -> GroundPlane:
+    """The plane through the most of some points: that of least absolute deviations.
+
+    Across points in one line it is level.
+
+    Args:
+        place: x and y [m], shape (n, 2), n > 0.
+        z: heights [m], shape (n,).
+
+    Returns:
+        The plane.
+    """
+    middle = place.mean(axis=0)
+    basis = np.column_stack([np.ones(len(z)), place - middle])
+    plane = _quantile_plane(basis, z, 0.5)
+    return GroundPlane(float(plane[0] - plane[1:] @ middle), float(plane[1]), float(plane[2]))
+
+
+def _lowest_of_patches(index: IntArray, resolution: float) -> tuple[FloatArray, FloatArray]:
+    cells = lowest_of_columns(index)
     across = max(1, round(_PATCH / resolution))
     patch = cells[:, :2] // across
     cells = cells[np.lexsort((cells[:, 2], patch[:, 1], patch[:, 0]))]
@@ -104,6 +128,17 @@ def _lowest_of_patches(index: IntArray, resolution: float) -> tuple[FloatArray, 
     chosen = cells[start + (_QUANTILE * count).astype(np.int64)]
     centre = np.asarray((chosen + 0.5) * resolution, np.float64)
     return centre[:, :2], centre[:, 2]
+
+
+def _quantile_plane(basis: FloatArray, z: FloatArray, quantile: float) -> FloatArray:
+    level = float(z.mean())
+    plane = np.array([np.quantile(z, quantile), 0.0, 0.0])
+    for _ in range(_ROUNDS):
+        off = z - basis @ plane
+        # The check function of quantile regression, as weights of squares; 1 mm against 0 / 0.
+        weight = np.where(off > 0.0, quantile, 1.0 - quantile) / np.maximum(np.abs(off), 1e-3)
+        plane = _least_squares(basis, z, weight, level)
+    return plane
 
 
 def _least_squares(

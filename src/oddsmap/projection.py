@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.evidence import EvidenceMap
-from oddsmap.ground import GroundPlane, fit_ground
+from oddsmap.ground import GroundPlane
+from oddsmap.ground_surface import GroundSurface, fit_ground_surface
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.probability_map import ProbabilityMap, Thresholds
 from oddsmap.voxels import VoxelMap
@@ -26,7 +27,13 @@ from oddsmap.voxels import VoxelMap
 __all__ = ["Ground", "project"]
 
 FloatArray = npt.NDArray[np.float64]
-Ground = Literal["relative"] | GroundPlane | Callable[[FloatArray, FloatArray], FloatArray] | None
+Ground = (
+    Literal["relative"]
+    | GroundPlane
+    | GroundSurface
+    | Callable[[FloatArray, FloatArray], FloatArray]
+    | None
+)
 
 _MAX_CELLS = 1 << 31
 
@@ -49,10 +56,10 @@ def project(
         z_max: upper end of the band [m]; inf for all.
 
     Other Args:
-        ground: what heights are measured from. None: z = 0 of the map frame. "relative": a plane
-            fitted to the lowest surfaces, which follows a tilted world, see
-            `oddsmap.ground.fit_ground`. A `GroundPlane`, or a function of x and y [m], arrays of
-            shape (n,), that gives the ground's z [m], for hills.
+        ground: what heights are measured from. None: z = 0 of the map frame. "relative": the
+            lowest surfaces, which follows tilts, ramps and terraces, see
+            `oddsmap.ground_surface.fit_ground_surface`. Or a `GroundPlane`, a `GroundSurface`, or
+            a function of x and y [m], arrays of shape (n,), that gives the ground's z [m].
 
     Returns:
         The rectangle of all known columns, whatever their height.
@@ -79,7 +86,7 @@ def project(
     z = (index[:, 2] + 0.5) * resolution
     if ground is not None:
         limit = Thresholds() if isinstance(view, VoxelMap) else view.thresholds
-        surface = _surface(ground, index[probability >= limit.occupied], resolution)
+        surface = _surface(ground, index, probability, limit, resolution)
         # Once a column, not once a cell: cells outnumber columns.
         number, cell = np.unique((index[:, :2] - lo) @ [1, nx], return_inverse=True)
         x, y = (number % nx + lo[0] + 0.5) * resolution, (number // nx + lo[1] + 0.5) * resolution
@@ -99,14 +106,20 @@ def project(
 
 
 def _surface(
-    ground: Ground, occupied: npt.NDArray[np.int64], resolution: float
+    ground: Ground,
+    index: npt.NDArray[np.int64],
+    probability: FloatArray,
+    limit: Thresholds,
+    resolution: float,
 ) -> Callable[[FloatArray, FloatArray], FloatArray]:
-    if isinstance(ground, GroundPlane):
+    if isinstance(ground, GroundPlane | GroundSurface):
         return ground.at
     if callable(ground):
         return ground
     if ground == "relative":
-        return fit_ground(occupied, resolution).at
+        occupied, free = probability >= limit.occupied, probability <= limit.free
+        return fit_ground_surface(index[occupied], resolution, index[free]).at
     raise ConfigError(
-        f'ground is None, "relative", a GroundPlane or a function of x and y, got {ground!r}'
+        'ground is None, "relative", a GroundPlane, a GroundSurface or a function of x and y, '
+        f"got {ground!r}"
     )
