@@ -13,7 +13,7 @@ from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate2d import Integrator2D
 from oddsmap.poses import Pose2
 from oddsmap.scan import Scan
-from oddsmap.sensors.beam import Segments
+from oddsmap.sensors.beam import BeamSensor, Segments
 from tests.naive.mapping import Beam, Point
 
 ONE = 65536
@@ -41,9 +41,17 @@ def add_votes(evidence: EvidenceMap, votes: Votes) -> None:
 
 
 def add_beams(
-    evidence: EvidenceMap, origin: Point, beams: Sequence[Beam], *, marks: bool | None = None
+    evidence: EvidenceMap,
+    origin: Point,
+    beams: Sequence[Beam],
+    *,
+    marks: bool | None = None,
+    fades: Sequence[Point] | None = None,
 ) -> None:
-    """Add one scan of beams given in cells; `marks` False: by the kernel that skips nothing."""
+    """Add one scan of beams given in cells; `marks` False: by the kernel that skips nothing.
+
+    Passes fade from the points `fades` on.
+    """
     ends = np.array([end for end, _, _ in beams], np.float64).reshape(-1, 2)
     tips = np.array([tip for _, tip, _ in beams], np.float64).reshape(-1, 2)
     segments = Segments(
@@ -51,8 +59,10 @@ def add_beams(
         offsets=np.array([0, len(beams)]),
         ends=ends * evidence.resolution,
         tips=tips * evidence.resolution,
+        fades=(ends if fades is None else np.array(fades)) * evidence.resolution,
         hit=np.array([hit for _, _, hit in beams], np.bool_),
     )
+    assert isinstance(evidence.sensor, BeamSensor)
     integrator = Integrator2D(evidence, evidence.sensor, evidence.tiles)
     if marks is not None:
         integrator._marks = marks

@@ -14,7 +14,7 @@ from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate3d import Integrator3D
 from oddsmap.poses import Pose3
 from oddsmap.scan import Scan
-from oddsmap.sensors.beam import Segments
+from oddsmap.sensors.beam import BeamSensor, Segments
 from tests.kit import ONE, Votes
 from tests.naive.mapping3d import Beam, Cell, Point, edge_distance, map_scan
 
@@ -22,12 +22,19 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def add_rays(
-    evidence: EvidenceMap, origin: Point, beams: Sequence[Beam], *, skip: bool = True
+    evidence: EvidenceMap,
+    origin: Point,
+    beams: Sequence[Beam],
+    *,
+    skip: bool = True,
+    fades: Sequence[Point] | None = None,
 ) -> Integrator3D:
     """Add one scan of beams given in cells; `skip` False: by the kernel that skips nothing.
 
-    The resolution is a power of 2, so that cells become metres and back without rounding.
+    Passes fade from the points `fades` on. The resolution is a power of 2, so that cells become
+    metres and back without rounding.
     """
+    assert isinstance(evidence.sensor, BeamSensor)
     integrator = Integrator3D(evidence, evidence.sensor, evidence.tiles, threading.Lock())
     if not skip:
         integrator._marks_only = False
@@ -39,6 +46,7 @@ def add_rays(
         offsets=np.array([0, len(beams)]),
         ends=ends * evidence.resolution,
         tips=tips * evidence.resolution,
+        fades=(ends if fades is None else np.array(fades)) * evidence.resolution,
         hit=np.array([hit for _, _, hit in beams], np.bool_),
     )
     cells, too_far = to_cells(segments, evidence.resolution, evidence.tiles.side, 1 << 50)

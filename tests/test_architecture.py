@@ -14,7 +14,7 @@ import pytest
 import oddsmap
 
 PACKAGE = Path(oddsmap.__file__).parent
-HEAVY = {"numba", "zarr", "matplotlib", "xarray", "PIL", "yaml", "rich", "typer"}
+HEAVY = {"numba", "zarr", "matplotlib", "xarray", "PIL", "yaml", "rich", "typer", "scipy"}
 STDLIB = set(sys.stdlib_module_names)
 
 

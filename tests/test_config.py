@@ -11,107 +11,216 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oddsmap import BeamSensor, Scan, build_map
+from oddsmap import BeamSensor, ConeSensor, GridScan, Scan, build_map
 from oddsmap.config import Config, MapConfig, PosteriorConfig, parse_setting, read_toml, resolve
 from oddsmap.errors import ConfigError
 from oddsmap.poses import Pose2, Pose3
+from oddsmap.sensors.cone_beams import Beams
+from oddsmap.sensors.kinds import KINDS, Measurement
+from oddsmap.sensors.window import Window
 
-SECTIONS = {"map": MapConfig, "sensor": BeamSensor, "posterior": PosteriorConfig}
+HOLDERS: dict[str, Any] = {"map": MapConfig, "posterior": PosteriorConfig, **KINDS}
 FIELDS = [
-    (section, field.name, str(field.type))
-    for section, kind in SECTIONS.items()
+    (holder, field.name, str(field.type))
+    for holder, kind in HOLDERS.items()
     for field in dataclasses.fields(kind)
 ]
+Values = dict[str, dict[str, Any]]
 
 # Four beams 0.02 rad apart, of all sorts: one short, two that share cells, one that saw nothing.
 ANGLES = np.array([0.0, 0.02, 0.04, 1.0, 2.0])
-LOG = [
+FLAT = [
     Scan(
         Pose2(0.05, 0.05, 0.0),
         np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1),
         np.array([2.03, 1.02, 2.04, 0.3, math.inf]),
-    )
+        stamp_ns=0,
+    ),
+    Scan(Pose2(0.05, 0.05, 0.5), np.array([[1.0, 0.0]]), np.array([1.0]), stamp_ns=60 * 10**9),
 ]
-BASE: dict[str, dict[str, Any]] = {
-    "map": {"resolution": 0.1},
-    "sensor": {"range_max": 3.0, "hit_width": 0.45},
-}
-
 # Beams of space ahead, back and up: for the filters of what may mark.
 AXES = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 SPACE = [Scan(Pose3(np.eye(3), np.zeros(3)), AXES, np.full(3, 1.05))]
-SPACE_BASE: dict[str, dict[str, Any]] = {
-    "map": {"resolution": 0.1},
-    "sensor": {
-        "mark_z_min": -1.0,
-        "mark_z_max": 2.0,
-        "body_min": [-0.5, -0.5, -0.5],
-        "body_max": [0.5, 0.5, 0.5],
+GRID = [GridScan(Pose2(0.0, 0.0, 0.0), np.array([[0.0, 1.0], [0.7, 0.2]]), 0.1, (0.0, 0.0))]
+
+# What the log of each kind of sensor is mapped with.
+BASES: dict[str, Values] = {
+    "beam": {"map": {"resolution": 0.1}, "sensor": {"range_max": 3.0, "hit_width": 0.45}},
+    "cone": {
+        "map": {"resolution": 0.1},
+        "sensor": {"kind": "cone", "cone_deg": 20.0, "range_max": 3.0},
     },
+    "overhead": {"map": {"resolution": 0.1}, "sensor": {"kind": "overhead"}},
 }
-FILTERS = {f"sensor.{name}" for name in SPACE_BASE["sensor"]}
-
-# A value that changes what comes out of LOG, for each field.
-CHANGES: dict[str, Any] = {
-    "map.resolution": 0.05,
-    "map.votes": "beam",
-    "sensor.range_min": 0.5,
-    "sensor.range_max": 2.0,
-    "sensor.clear_range": 1.0,
-    "sensor.hit_width": 0.0,
-    "sensor.share_hit": True,
-    "sensor.p_hit": 0.9,
-    "sensor.p_miss": 0.45,
-    "sensor.mark_z_min": 0.5,
-    "sensor.mark_z_max": 0.5,
-    "sensor.body_min": [-3.0, -3.0, -3.0],
-    "sensor.body_max": [2.0, 0.5, 0.5],
-    "posterior.prior": 0.2,
-    "posterior.free": 0.45,
-    "posterior.occupied": 0.75,
+FILTERS = {
+    "mark_z_min": -1.0,
+    "mark_z_max": 2.0,
+    "body_min": [-0.5, -0.5, -0.5],
+    "body_max": [0.5, 0.5, 0.5],
 }
 
+# For each field a value that changes what comes out of the log; a second dictionary is of what else
+# is set for both, without which the field has no say.
+CHANGES: dict[str, dict[str, Any]] = {
+    "map": {
+        "resolution": 0.05,
+        "votes": "beam",
+        "half_life": (30.0, {"t_ref_ns": None}),
+        "t_ref_ns": (90 * 10**9, {"half_life": 30.0}),
+        "path_lengths": (True, {"votes": "beam"}),
+    },
+    "posterior": {"prior": 0.2, "free": 0.45, "occupied": 0.75},
+    "beam": {
+        "range_min": 0.5,
+        "range_max": 2.0,
+        "clear_range": 1.0,
+        "hit_width": 0.0,
+        "share_hit": True,
+        "sigma": (0.1, {"hit_width": 0.0}),
+        "spread": (1.0, {"hit_width": 0.0, "sigma": 0.1}),
+        "fade": 0.5,
+        "p_hit": 0.9,
+        "p_miss": 0.45,
+        "mark_z_min": 0.5,
+        "mark_z_max": 0.5,
+        "body_min": [-3.0, -3.0, -3.0],
+        "body_max": [2.0, 0.5, 0.5],
+    },
+    "cone": {
+        "cone_deg": 30.0,
+        "range_min": 0.5,
+        "range_max": 2.0,
+        "clear_range": 1.0,
+        "hit_width": 0.3,
+        "share_hit": False,
+        "angular_falloff": 0.5,
+        "range_falloff": 0.5,
+        "fade": 0.5,
+        "p_hit": 0.9,
+        "p_miss": 0.45,
+        "mark_z_min": 0.5,
+        "mark_z_max": 0.5,
+        "body_min": [-3.0, -3.0, -3.0],
+        "body_max": [2.0, 0.5, 0.5],
+    },
+    "overhead": {"true_positive_rate": 0.8, "false_positive_rate": 0.2},
+}
+# Fields of the forward model p(z | map): they change it, and by themselves no filter.
+FORWARD: dict[str, dict[str, Any]] = {
+    "beam": {"detection": 0.7, "p_random": 0.1, "p_dropout": 0.1},
+    "cone": {"detection": 0.7, "p_random": 0.1, "p_dropout": 0.1, "sigma": 0.1},
+}
+CASES = [(holder, name) for holder, fields in CHANGES.items() for name in fields]
 
-def result(config: Config, log: list[Scan]) -> tuple[bytes, ...]:
-    evidence = build_map(log, config.map.resolution, sensor=config.sensor, votes=config.map.votes)
+# Fields that may be 0, and fields that may be above 1.
+ZERO = {
+    *(("beam", name) for name in ("range_min", "hit_width", "sigma", "fade")),
+    *(("cone", name) for name in ("range_min", "hit_width", "p_random", "p_dropout", "fade")),
+    *(("beam", name) for name in ("p_random", "p_dropout")),
+    ("cone", "angular_falloff"),
+    ("cone", "range_falloff"),
+    ("posterior", "free"),
+}
+LENGTHS = ("range_min", "range_max", "clear_range", "hit_width")
+LARGE = {
+    *((kind, name) for kind in ("beam", "cone") for name in LENGTHS),
+    *(("beam", name) for name in ("sigma", "spread", "fade")),
+    ("cone", "cone_deg"),
+    ("cone", "sigma"),
+    ("map", "resolution"),
+    ("map", "half_life"),
+}
+
+
+def section_of(holder: str) -> str:
+    return "sensor" if holder in KINDS else holder
+
+
+def log_and_base(holder: str, name: str) -> tuple[list[Measurement], Values]:
+    """The readings that a field has a say in, and the settings that it is changed from."""
+    kind = holder if holder in KINDS else "beam"
+    base = {section: dict(values) for section, values in BASES[kind].items()}
+    if name == "path_lengths":  # they are not for wide hits
+        base["sensor"]["hit_width"] = 0.0
+    if name in FILTERS:
+        base["sensor"] |= FILTERS
+        return [*SPACE], base
+    return [*(GRID if kind == "overhead" else FLAT)], base
+
+
+def result(config: Config, log: list[Measurement]) -> tuple[bytes, ...]:
+    evidence = build_map(log, sensor=config.sensor, **dataclasses.asdict(config.map))
     evidence.config = config
     view = evidence.log_odds()
     parts: list[np.ndarray[Any, Any]] = [*evidence.cells(), view.probability()]
+    if evidence.lengths is not None:
+        parts += evidence.cell_lengths()
     if evidence.ndim == 2:
         parts.append(view.state())
     return tuple(part.tobytes() for part in parts)
 
 
-def test_every_field_has_a_case() -> None:
-    assert {f"{section}.{name}" for section, name, _ in FIELDS} == set(CHANGES)
-    assert {field.name for field in dataclasses.fields(Config)} == set(SECTIONS)
+@pytest.mark.parametrize("holder", HOLDERS)
+def test_every_field_has_a_case(holder: str) -> None:
+    names = {field.name for field in dataclasses.fields(HOLDERS[holder])}
+    assert names == set(CHANGES[holder]) | set(FORWARD.get(holder, {}))
 
 
-@pytest.mark.parametrize("setting", CHANGES)
-def test_each_field_changes_the_result(setting: str) -> None:
-    section, name = setting.split(".")
-    log, values = (SPACE, SPACE_BASE) if setting in FILTERS else (LOG, BASE)
-    base = resolve(("base", values))
-    changed = resolve(("base", values), ("changed", {section: {name: CHANGES[setting]}}))
+def test_every_section_has_cases() -> None:
+    sections = {field.name for field in dataclasses.fields(Config)}
+    assert sections == {section_of(holder) for holder in HOLDERS}
+    assert set(CHANGES) == set(HOLDERS)
+
+
+@pytest.mark.parametrize(("holder", "name"), CASES)
+def test_each_field_changes_the_result(holder: str, name: str) -> None:
+    section = section_of(holder)
+    log, values = log_and_base(holder, name)
+    value, also = CHANGES[holder][name], {}
+    if isinstance(value, tuple):
+        value, also = value
+    base = resolve(("base", values), ("also", {section: also}))
+    changed = resolve(
+        ("base", values), ("also", {section: also}), ("set", {section: {name: value}})
+    )
     assert base != changed
     assert result(base, log) == result(base, log)
     assert result(base, log) != result(changed, log)
 
 
-@pytest.mark.parametrize(("section", "name", "kind"), FIELDS)
-def test_bounds(section: str, name: str, kind: str) -> None:
-    if "float" not in kind or f"sensor.{name}" in FILTERS:
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind in FORWARD for name in FORWARD[kind]]
+)
+def test_each_field_of_the_forward_model_changes_the_likelihood(kind: str, name: str) -> None:
+    log, values = log_and_base(kind, name)
+    base = resolve(("base", values))
+    changed = resolve(("base", values), ("set", {"sensor": {name: FORWARD[kind][name]}}))
+    assert likelihood(base) == likelihood(base)
+    assert likelihood(base) != likelihood(changed)
+    assert result(base, log) == result(changed, log)
+
+
+def likelihood(config: Config) -> float:
+    """p(z | map) of a return from a wall one metre away."""
+    assert isinstance(config.sensor, BeamSensor | ConeSensor)
+    occupancy = np.zeros((20, 20))
+    occupancy[:, 10] = 1.0
+    window = Window(occupancy, config.map.resolution)
+    beam = Beams(np.array([[0.05, 1.0]]), np.array([[1.0, 0.0]]), np.array([0.97]))
+    return float(config.sensor.forward_model().likelihood(beam, window)[0])
+
+
+@pytest.mark.parametrize(("holder", "name", "kind"), FIELDS)
+def test_bounds(holder: str, name: str, kind: str) -> None:
+    if "float" not in kind or name in FILTERS:
         return  # the filters: any height, any box (below)
     bad = [math.nan, math.inf, -math.inf, -1.0]
-    if (section, name) not in {
-        ("sensor", "range_min"), ("sensor", "hit_width"), ("posterior", "free")
-    }:  # fmt: skip
-        bad.append(0.0)
-    if "range" not in name and name not in {"resolution", "hit_width"}:
-        bad.append(1.5)
+    bad += [] if (holder, name) in ZERO else [0.0]
+    bad += [] if (holder, name) in LARGE else [1.5]
+    base = BASES[holder if holder in KINDS else "beam"]
     for value in bad:
         with pytest.raises(ConfigError, match=r"got|thresholds") as caught:
-            resolve(("file.toml", {"map": {"resolution": 1.0}}), ("set", {section: {name: value}}))
+            resolve(("file.toml", base), ("set", {section_of(holder): {name: value}}))
         assert "\n" not in str(caught.value)
 
 
@@ -133,19 +242,22 @@ def test_bounds_of_filters(sensor: dict[str, Any]) -> None:
 
 def test_filters_are_for_space() -> None:
     with pytest.raises(ConfigError, match="of the plane"):
-        build_map(LOG, 0.1, sensor=BeamSensor(mark_z_min=0.0))
+        build_map(FLAT, 0.1, sensor=BeamSensor(mark_z_min=0.0))
 
 
-@pytest.mark.parametrize(("section", "name", "kind"), FIELDS)
-def test_types(section: str, name: str, kind: str) -> None:
+@pytest.mark.parametrize(("holder", "name", "kind"), FIELDS)
+def test_types(holder: str, name: str, kind: str) -> None:
+    section = section_of(holder)
+    base = BASES[holder if holder in KINDS else "beam"]
     wrong: list[Any] = [[], {}, 1 + 2j]
     wrong += [] if kind == "bool" else [True]
     wrong += [] if kind == "str" else ["far"]
-    wrong += [] if kind.startswith("float") else [0.5, 1]
+    wrong += [] if kind.startswith("float") else [0.5]
+    wrong += [] if kind.startswith(("float", "int")) else [1]
     wrong += [] if "None" in kind else [None]
     for value in wrong:
         with pytest.raises(ConfigError, match=f"file.toml: {section}.{name} is "):
-            resolve(("file.toml", {section: {name: value}}))
+            resolve(("log", base), ("file.toml", {section: {name: value}}))
 
 
 def test_whole_numbers_are_numbers() -> None:
@@ -244,8 +356,9 @@ def test_read_toml(tmp_path: Path) -> None:
 
 
 def test_configurations_are_frozen() -> None:
-    for section, name, _ in FIELDS:
-        value = {"map": MapConfig(resolution=1.0)}.get(section) or SECTIONS[section]()
+    needed = {"map": {"resolution": 1.0}, "cone": {"cone_deg": 20.0}}
+    for holder, name, _ in FIELDS:
+        value = HOLDERS[holder](**needed.get(holder, {}))
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(value, name, 0.3)
         assert not hasattr(value, "__dict__")

@@ -28,6 +28,8 @@ KINDS: list[Kind] = [
     ("scan", BeamSensor(range_max=5.0, hit_width=0.4, share_hit=True)),
     ("beam", BeamSensor(range_max=5.0, hit_width=0.4, share_hit=True)),
     ("scan", BeamSensor(range_max=5.0, hit_width=0.4)),
+    ("scan", BeamSensor(range_max=5.0, sigma=0.1, fade=0.5)),
+    ("beam", BeamSensor(range_max=5.0, sigma=0.1, fade=0.5)),
 ]
 kinds = st.sampled_from(KINDS)
 seeds = st.integers(0, 10_000)
@@ -165,7 +167,9 @@ def test_more_than_255_scans(kind: Kind) -> None:
 def test_one_vote_a_scan(kind: Kind) -> None:
     votes = votes_of(mapped(random_space_scans(2, 1, beams=2000, reach=2.0), kind)).values()
     if kind[0] == "scan":
-        assert all(hit <= ONE and free in (0, ONE) for hit, free in votes)
+        whole = kind[1].fade == 0.0
+        assert all(hit <= ONE and free <= ONE for hit, free in votes)
+        assert all(free in (0, ONE) for _, free in votes) == whole
         assert all(hit == 0 or free == 0 for hit, free in votes)
     else:
         assert any(hit > ONE or free > ONE for hit, free in votes)

@@ -18,6 +18,7 @@ from oddsmap import BeamSensor, EvidenceMap, add_scans, build_map, load_map, sto
 from oddsmap.config import PosteriorConfig
 from oddsmap.errors import InputError, OddsmapError, OutputError
 from oddsmap.kernels.tiles import MAX_UNITS
+from oddsmap.tiles import TileStore
 from tests.kit import ONE, Votes, add_votes, random_scans, votes_of
 
 UTM = (10_000_000, 108_000_000)
@@ -216,7 +217,7 @@ def test_a_box_reads_its_shards_alone(tmp_path: Path, monkeypatch: pytest.Monkey
     real = store._add_shard
 
     def spy(*args: Any) -> None:
-        read.append(args[2].tolist())
+        read.append(args[3].tolist())
         real(*args)
 
     monkeypatch.setattr(store, "_add_shard", spy)
@@ -268,15 +269,15 @@ def test_a_broken_off_write_leaves_the_old_map(
     a_map({(1, 1): (ONE, 0)}).save(path)
     before = files(path)
     calls: list[int] = []
-    real = EvidenceMap.region_units
+    real = TileStore.region
 
-    def failing(self: EvidenceMap, lo: Any, hi: Any) -> Any:
+    def failing(self: TileStore, lo: Any, hi: Any) -> Any:
         calls.append(1)
         if len(calls) == 2:
             raise error
         return real(self, lo, hi)
 
-    monkeypatch.setattr(EvidenceMap, "region_units", failing)
+    monkeypatch.setattr(TileStore, "region", failing)
     evidence = a_map({(1, 1): (ONE, 0), (2000, 1): (ONE, 0)})
     for target, force in ((path, True), (tmp_path / "new.zarr", False)):
         calls.clear()

@@ -26,13 +26,19 @@ if TYPE_CHECKING:
     from oddsmap.export.octomap_reader import load_octomap
     from oddsmap.export.ros_reader import load_ros
     from oddsmap.integrate import add_scans, build_map
+    from oddsmap.landmarks.landmark_map import LandmarkMap
     from oddsmap.poses import Pose2, Pose3
+    from oddsmap.posterior.changed import changed
+    from oddsmap.posterior.decay import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.reflection import Reflection
     from oddsmap.probability_map import ProbabilityMap, State, Thresholds
     from oddsmap.projection import project
     from oddsmap.readers import open_log
     from oddsmap.scan import Log, Scan
     from oddsmap.sensors.beam import BeamSensor
+    from oddsmap.sensors.cone import ConeSensor
+    from oddsmap.sensors.overhead import GridScan, OverheadSensor
     from oddsmap.store import load_map
     from oddsmap.voxels import VoxelMap
 
@@ -40,17 +46,23 @@ __version__ = "0.1.0"
 
 __all__ = [
     "BeamSensor",
+    "ConeSensor",
     "ConfigError",
+    "DecayRate",
     "EvidenceMap",
+    "GridScan",
     "InputError",
+    "LandmarkMap",
     "Log",
     "LogOdds",
     "MapTooLargeError",
     "OddsmapError",
     "OutputError",
+    "OverheadSensor",
     "Pose2",
     "Pose3",
     "ProbabilityMap",
+    "Reflection",
     "Scan",
     "State",
     "Thresholds",
@@ -58,6 +70,7 @@ __all__ = [
     "__version__",
     "add_scans",
     "build_map",
+    "changed",
     "load_map",
     "load_octomap",
     "load_ros",
@@ -68,23 +81,30 @@ __all__ = [
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
 _HOME = {
     "BeamSensor": "sensors.beam",
+    "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
+    "DecayRate": "posterior.decay",
     "EvidenceMap": "evidence",
+    "GridScan": "sensors.overhead",
     "InputError": "errors",
+    "LandmarkMap": "landmarks.landmark_map",
     "Log": "scan",
     "LogOdds": "posterior.log_odds",
     "MapTooLargeError": "errors",
     "OddsmapError": "errors",
     "OutputError": "errors",
+    "OverheadSensor": "sensors.overhead",
     "Pose2": "poses",
     "Pose3": "poses",
     "ProbabilityMap": "probability_map",
+    "Reflection": "posterior.reflection",
     "Scan": "scan",
     "State": "probability_map",
     "Thresholds": "probability_map",
     "VoxelMap": "voxels",
     "add_scans": "integrate",
     "build_map": "integrate",
+    "changed": "posterior.changed",
     "load_map": "store",
     "load_octomap": "export.octomap_reader",
     "load_ros": "export.ros_reader",

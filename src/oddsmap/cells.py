@@ -3,15 +3,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
 from oddsmap.kernels.beams import ScanCells, cell_bounds
-from oddsmap.sensors.beam import Segments
+from oddsmap.kernels.zone import BeamShape
+from oddsmap.sensors.beam import BeamSensor, Segments
 from oddsmap.tiles import memory_limit
 
-__all__ = ["MAX_COORDINATE", "check_size", "to_cells"]
+__all__ = ["MAX_COORDINATE", "beam_shape", "cells_near_return", "check_size", "to_cells"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -20,6 +23,22 @@ IntArray = npt.NDArray[np.int64]
 MAX_COORDINATE = float(1 << 45)
 # A longer segment would leave fixed point (see kernels/segments.py).
 _MAX_LENGTH = 1 << 22
+
+
+def beam_shape(sensor: BeamSensor, resolution: float) -> BeamShape:
+    """How the beams of a sensor vote around a return, in cells."""
+    return BeamShape(
+        share=sensor.share_hit or sensor.sigma > 0.0,
+        half_width=sensor.half_width / resolution,
+        sigma=sensor.sigma / resolution,
+        fade=sensor.fade / resolution,
+    )
+
+
+def cells_near_return(sensor: BeamSensor, resolution: float, d: int) -> int:
+    """Bounds how many cells one beam's occupied region has, or its fading part."""
+    longest = max(2.0 * sensor.half_width, sensor.fade) / resolution
+    return d * (math.ceil(longest) + 2) + 1
 
 
 def to_cells(
@@ -43,8 +62,9 @@ def to_cells(
     origins, offsets = segments.origins / resolution, segments.offsets
     lo, hi, way = origins.copy(), origins.copy(), np.zeros(len(origins))
     cell_bounds(segments.ends, offsets, resolution, lo, hi, way)
-    if segments.tips is not segments.ends:
-        cell_bounds(segments.tips, offsets, resolution, lo, hi, np.zeros_like(way))
+    for points in (segments.tips, segments.fades):
+        if points is not segments.ends:
+            cell_bounds(points, offsets, resolution, lo, hi, np.zeros_like(way))
     # A margin of one cell: rounding may carry a ray along a border to the cell beside it. (Exact in
     # floats: a tile's index has a bit less for every bit that a place within a tile has.)
     first, past = np.floor((np.floor(lo) - 1) / side), np.floor((np.floor(hi) + 1) / side) + 1
@@ -52,7 +72,16 @@ def to_cells(
         check_size(np.diff(offsets), way, (past - first) * side, resolution, side, max_window)
     tiles_lo, tiles_hi = first.astype(np.int64), past.astype(np.int64)
     return (
-        ScanCells(origins, offsets, segments.ends, segments.tips, segments.hit, tiles_lo, tiles_hi),
+        ScanCells(
+            origins,
+            offsets,
+            segments.ends,
+            segments.tips,
+            segments.fades,
+            segments.hit,
+            tiles_lo,
+            tiles_hi,
+        ),
         too_far,
     )
 
@@ -109,6 +138,7 @@ def _without_far(segments: Segments, limit: float) -> tuple[Segments, int]:
         offsets=np.concatenate([[0], np.cumsum(lengths[near])]),
         ends=ends,
         tips=ends if segments.tips is segments.ends else segments.tips[beams],
+        fades=ends if segments.fades is segments.ends else segments.fades[beams],
         hit=segments.hit[beams],
     )
     return kept, int(np.count_nonzero(~near))

@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from oddsmap.errors import ConfigError
+from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.probability_map import Thresholds
 from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.kinds import KINDS, Sensor
 
 __all__ = ["Config", "MapConfig", "PosteriorConfig", "parse_setting", "read_toml", "resolve"]
 
@@ -26,6 +28,12 @@ class MapConfig:
     Args:
         resolution: side of a cell [m].
         votes: "scan" (at most one vote a cell and scan) or "beam" (every beam votes).
+        half_life: after this time evidence weighs half [s]; None: it never fades. A scan of time
+            t votes with the weight 2^(-(t_ref - t) / half_life).
+        t_ref_ns: the time t_ref at which evidence weighs 1, that of the last scan or later [ns];
+            by default that of the log's last scan.
+        path_lengths: True: also keep the length of the beams inside each cell, for the decay-rate
+            view; needs votes "beam".
 
     Raises:
         ConfigError: a value is outside its range.
@@ -33,12 +41,25 @@ class MapConfig:
 
     resolution: float
     votes: str = "scan"
+    half_life: float | None = None
+    t_ref_ns: int | None = None
+    path_lengths: bool = False
 
     def __post_init__(self) -> None:
         if not 0.0 < self.resolution < math.inf:
             raise ConfigError(f"map.resolution is a length above 0 m, got {self.resolution}")
         if self.votes not in ("scan", "beam"):
             raise ConfigError(f'map.votes is "scan" or "beam", got "{self.votes}"')
+        if self.half_life is not None and not 0.0 < self.half_life < math.inf:
+            raise ConfigError(f"map.half_life is a time above 0 s, got {self.half_life}")
+        if self.t_ref_ns is not None and self.half_life is None:
+            raise ConfigError(
+                f"map.t_ref_ns {self.t_ref_ns} is where map.half_life counts back from: set both"
+            )
+        if self.path_lengths and self.votes != "beam":
+            raise ConfigError(
+                f'map.path_lengths counts every beam: it needs map.votes "beam", got "{self.votes}"'
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,12 +95,14 @@ class Config:
     """All of it, as stored with every map."""
 
     map: MapConfig
-    sensor: BeamSensor = field(default_factory=BeamSensor)
+    sensor: Sensor = field(default_factory=BeamSensor)
     posterior: PosteriorConfig = field(default_factory=PosteriorConfig)
+    full_map: FullMapConfig = field(default_factory=FullMapConfig)
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Nested plain values, as TOML and JSON take them; None where a field is not set."""
-        return dataclasses.asdict(self)
+        values = dataclasses.asdict(self)
+        return values | {"sensor": {"kind": self.sensor.kind, **values["sensor"]}}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Mapping[str, Any]], where: str) -> Config:
@@ -93,25 +116,56 @@ class Config:
             ConfigError: an unknown section or field (the nearest known one is named), a value of
                 the wrong type or outside its range, or no resolution.
         """
+        _check_sections(values, where)
+        kinds = _SECTIONS | {"sensor": _sensor_kind(values, where, BeamSensor)}
         for section, fields in values.items():
-            _known(section, _SECTIONS, where, "section")
-            if not isinstance(fields, Mapping):
-                raise ConfigError(f"{where}: [{section}] is a section, got {fields!r}")
             for name, value in fields.items():
-                _check_field(section, name, value, where)
+                _check_field(kinds[section], section, name, value, where)
         if "resolution" not in values.get("map", {}):
             raise ConfigError(f"{where}: map.resolution is missing; a map needs one, in metres")
         plain = {
             section: {
                 name: tuple(value) if isinstance(value, list) else value  # JSON has no tuples
                 for name, value in fields.items()
+                if name != "kind"
             }
             for section, fields in values.items()
         }
-        return cls(**{name: kind(**plain.get(name, {})) for name, kind in _SECTIONS.items()})
+        missing = [
+            field.name
+            for field in dataclasses.fields(kinds["sensor"])
+            if field.default is dataclasses.MISSING and field.name not in plain.get("sensor", {})
+        ]
+        if missing:
+            raise ConfigError(
+                f"{where}: a sensor of kind {kinds['sensor'].kind} needs sensor.{missing[0]}"
+            )
+        plain["map"] = {"votes": kinds["sensor"].default_votes, **plain["map"]}
+        return cls(**{name: kind(**plain.get(name, {})) for name, kind in kinds.items()})
 
 
-_SECTIONS: dict[str, Any] = {"map": MapConfig, "sensor": BeamSensor, "posterior": PosteriorConfig}
+_SECTIONS: dict[str, Any] = {
+    "map": MapConfig,
+    "sensor": Sensor,
+    "posterior": PosteriorConfig,
+    "full_map": FullMapConfig,
+}
+
+
+def _check_sections(values: Mapping[str, Mapping[str, Any]], where: str) -> None:
+    for section, fields in values.items():
+        _known(section, _SECTIONS, where, "section")
+        if not isinstance(fields, Mapping):
+            raise ConfigError(f"{where}: [{section}] is a section, got {fields!r}")
+
+
+def _sensor_kind(
+    values: Mapping[str, Mapping[str, Any]], where: str, default: type[Sensor]
+) -> type[Sensor]:
+    kind = values.get("sensor", {}).get("kind", default.kind)
+    if kind not in KINDS:
+        raise ConfigError(f"{where}: sensor.kind is one of {', '.join(KINDS)}, got {kind!r}")
+    return KINDS[kind]
 
 
 def resolve(*layers: tuple[str, Mapping[str, Mapping[str, Any]]]) -> Config:
@@ -126,15 +180,19 @@ def resolve(*layers: tuple[str, Mapping[str, Mapping[str, Any]]]) -> Config:
     Raises:
         ConfigError: see `Config.from_dict`.
     """
-    merged: dict[str, dict[str, Any]] = {}
+    # The strongest word on the kind of sensor says which fields the others may set.
+    sensor: type[Sensor] = BeamSensor
+    for where, values in layers:
+        _check_sections(values, where)
+        sensor = _sensor_kind(values, where, sensor)
+    kinds = _SECTIONS | {"sensor": sensor}
+    merged: dict[str, dict[str, Any]] = {"sensor": {"kind": sensor.kind}}
     for where, values in layers:
         for section, fields in values.items():
-            _known(section, _SECTIONS, where, "section")
-            if not isinstance(fields, Mapping):
-                raise ConfigError(f"{where}: [{section}] is a section, got {fields!r}")
             for name, value in fields.items():
-                _check_field(section, name, value, where)
-                merged.setdefault(section, {})[name] = value
+                _check_field(kinds[section], section, name, value, where)
+                if name != "kind":
+                    merged.setdefault(section, {})[name] = value
     return Config.from_dict(merged, "configuration")
 
 
@@ -168,14 +226,19 @@ def parse_setting(text: str) -> tuple[str, str, Any]:
         return section, name, value.strip()
 
 
-def _check_field(section: str, name: str, value: object, where: str) -> None:
-    fields = {field.name: str(field.type) for field in dataclasses.fields(_SECTIONS[section])}
-    _known(name, fields, where, f"field of [{section}]")
+def _check_field(holder: Any, section: str, name: str, value: object, where: str) -> None:
+    if (section, name) == ("sensor", "kind"):
+        return
+    fields = {field.name: str(field.type) for field in dataclasses.fields(holder)}
+    of = f"[{section}]" if section != "sensor" else f"[sensor] of kind {holder.kind}"
+    _known(name, fields, where, f"field of {of}")
     kind = fields[name]
     number = isinstance(value, int | float) and not isinstance(value, bool)
     fits, wanted = {
         "float": (number, "a number"),
         "float | None": (number or value is None, "a number"),
+        "int": (number and isinstance(value, int), "a whole number"),
+        "int | None": (value is None or (number and isinstance(value, int)), "a whole number"),
         "bool": (isinstance(value, bool), "true or false"),
         "str": (isinstance(value, str), "a word"),
         "tuple[float, float, float] | None": (

@@ -7,8 +7,9 @@ merge by addition; every posterior is a view of them, made when it is asked for.
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +18,17 @@ import numpy.typing as npt
 
 from oddsmap.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.tiles import ONE
+from oddsmap.kernels.tiles import HITS, ONE, PASSES
 from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.kinds import Sensor
 from oddsmap.tiles import TileStore
 
 if TYPE_CHECKING:
     from oddsmap.integrate import Report
+    from oddsmap.posterior.decay import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.prior import MapLike
+    from oddsmap.posterior.reflection import IntervalKind, Reflection
 
 __all__ = ["EvidenceMap"]
 
@@ -43,7 +48,10 @@ class EvidenceMap:
         resolution: side of a cell [m].
 
     Other Args:
-        votes: "scan" or "beam", see `build_map`.
+        votes: "scan" or "beam", see `build_map`; default: as the kind of sensor wants.
+        half_life: after this time evidence weighs half [s]; None: it never fades.
+        t_ref_ns: the time at which evidence weighs 1 [ns]; with a half-life only.
+        path_lengths: True: also keep the length of beams inside cells.
         sensor: the sensor model that evidence is made with; its p_hit and p_miss are the
             defaults of the views.
         posterior: defaults of the views.
@@ -58,20 +66,37 @@ class EvidenceMap:
         self,
         resolution: float,
         *,
-        votes: str = "scan",
-        sensor: BeamSensor | None = None,
+        votes: str | None = None,
+        half_life: float | None = None,
+        t_ref_ns: int | None = None,
+        path_lengths: bool = False,
+        sensor: Sensor | None = None,
         posterior: PosteriorConfig | None = None,
         ndim: int = 2,
         tile_side: int | None = None,
     ) -> None:
+        sensor = sensor or BeamSensor()
         self.config = Config(
-            map=MapConfig(resolution=float(resolution), votes=votes),
-            sensor=sensor or BeamSensor(),
+            map=MapConfig(
+                resolution=float(resolution),
+                votes=votes or sensor.default_votes,
+                half_life=half_life,
+                t_ref_ns=t_ref_ns,
+                path_lengths=path_lengths,
+            ),
+            sensor=sensor,
             posterior=posterior or PosteriorConfig(),
         )
         if ndim not in _TILE_SIDE:
             raise ConfigError(f"a map has 2 or 3 dimensions, got {ndim}")
+        if half_life is not None and t_ref_ns is None:
+            raise ConfigError(
+                "map.half_life needs map.t_ref_ns, the time it counts back from [ns]: give that of "
+                "the last scan, as build_map and oddsmap build do"
+            )
         self.tiles = TileStore(ndim, tile_side or _TILE_SIDE[ndim])
+        self.lengths = self.new_tiles() if path_lengths else None
+        """Length of beams inside cells [1/65536 of a cell's side], in the place of passes."""
         self.provenance: list[dict[str, Any]] = []
         self.report: Report | None = None
 
@@ -86,7 +111,7 @@ class EvidenceMap:
         return self.config.map.votes
 
     @property
-    def sensor(self) -> BeamSensor:
+    def sensor(self) -> Sensor:
         """The sensor model."""
         return self.config.sensor
 
@@ -98,7 +123,7 @@ class EvidenceMap:
     @property
     def nbytes(self) -> int:
         """Bytes of memory in use."""
-        return self.tiles.nbytes
+        return self.tiles.nbytes + (self.lengths.nbytes if self.lengths is not None else 0)
 
     def new_tiles(self) -> TileStore:
         """An empty store of the same shape, to be filled beside this one and added to it."""
@@ -118,7 +143,8 @@ class EvidenceMap:
             None where there is no evidence at all.
         """
         lo, hi = None, None
-        for index, _, _ in self._chunks():
+        stores = (self.tiles, self.lengths) if self.lengths is not None else (self.tiles,)
+        for index, _ in chain.from_iterable(tiles.cells() for tiles in stores):
             if len(index):
                 lo = index.min(axis=0) if lo is None else np.minimum(lo, index.min(axis=0))
                 hi = index.max(axis=0) if hi is None else np.maximum(hi, index.max(axis=0))
@@ -130,24 +156,24 @@ class EvidenceMap:
         Returns:
             index, shape (n, d), x first; hits and passes, shape (n,), in units of 1/65536 vote.
         """
-        parts = list(self._chunks())
-        index = np.concatenate([np.empty((0, self.ndim), np.int64), *(part[0] for part in parts)])
-        hits = np.concatenate([np.empty(0, np.int64), *(part[1] for part in parts)])
-        passes = np.concatenate([np.empty(0, np.int64), *(part[2] for part in parts)])
-        order = np.lexsort(index.T)
-        return index[order], hits[order], passes[order]
+        index, units = _sorted_cells(self.tiles)
+        return index, units[:, HITS].copy(), units[:, PASSES].copy()
+
+    def cell_lengths(self) -> tuple[IntArray, IntArray]:
+        """The cells in which beams have a length, in order of their index, x changing fastest.
+
+        Returns:
+            index, shape (n, d), x first; lengths, shape (n,), in 1/65536 of a cell's side.
+
+        Raises:
+            InputError: the map keeps no lengths.
+        """
+        index, units = _sorted_cells(self._kept_lengths())
+        return index, units[:, PASSES].copy()
 
     def cell_count(self) -> int:
         """How many cells have evidence."""
-        return sum(len(index) for index, _, _ in self._chunks())
-
-    def _chunks(self) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
-        side, d = self.tiles.side, self.ndim
-        for coords, units in self.tiles.chunks():
-            tile, cell = np.nonzero(units.any(axis=1))
-            # Cells of a tile lie row by row, x fastest: the reverse of the axes of coords.
-            within = np.stack(np.unravel_index(cell, (side,) * d)[::-1], axis=1)
-            yield coords[tile] * side + within, units[tile, 0, cell], units[tile, 1, cell]
+        return sum(len(index) for index, _ in self.tiles.cells())
 
     def region(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Hits and passes [votes] of a box of cells.
@@ -167,21 +193,27 @@ class EvidenceMap:
 
     def region_units(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> tuple[IntArray, IntArray]:
         """As `region`, in units of 1/65536 vote."""
-        first, last = self._box(lo, hi)
-        side, d = self.tiles.side, self.ndim
-        tile_lo, tile_hi = first // side, -(-last // side)
-        span = (tile_hi - tile_lo)[::-1]
-        # Seen as tiles of cells, (2, ty, side, tx, side), whole tiles are put in place at once.
-        full = np.zeros((2, *(n for count in span for n in (int(count), side))), np.int64)
-        coords = self.tiles.coords
-        slots = np.flatnonzero(((coords >= tile_lo) & (coords < tile_hi)).all(axis=1))
-        at = (coords[slots] - tile_lo)[:, ::-1]
-        where = [part for axis in range(d) for part in (at[:, axis], slice(None))]
-        full[(slice(None), *where)] = self.tiles.units(slots).reshape(-1, 2, *(side,) * d)
-        flat = full.reshape(2, *(span * side))
-        begin, end = (first - tile_lo * side)[::-1], (last - tile_lo * side)[::-1]
-        cut = tuple(slice(a, b) for a, b in zip(begin, end, strict=True))
-        return flat[0][cut].copy(), flat[1][cut].copy()
+        hits, passes = self.tiles.region(*self._box(lo, hi))
+        return hits, passes
+
+    def region_lengths(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> FloatArray:
+        """Length of the beams inside each cell of a box [m]; arguments and errors as in `region`.
+
+        A beam has a length in every cell that it crosses, up to its return or to where it clears.
+
+        Raises:
+            InputError: the map keeps no lengths.
+        """
+        tiles = self._kept_lengths()
+        lengths: FloatArray = tiles.region(*self._box(lo, hi))[PASSES] * (self.resolution / ONE)
+        return lengths
+
+    def _kept_lengths(self) -> TileStore:
+        if self.lengths is None:
+            raise InputError(
+                'the map keeps no path lengths: build it with map.path_lengths (and votes "beam")'
+            )
+        return self.lengths
 
     def _box(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> tuple[IntArray, IntArray]:
         first, last = np.asarray(lo, np.int64), np.asarray(hi, np.int64)
@@ -211,47 +243,67 @@ class EvidenceMap:
             return
         if min(hits.min(), passes.min()) < 0:
             raise InputError("evidence only adds up: a weight is negative")
-        side = self.tiles.side
-        coords, tile = np.unique(index // side, axis=0, return_inverse=True)
-        units = np.zeros((len(coords), 2, side**self.ndim), np.int64)
-        within = np.ravel_multi_index(tuple((index % side).T[::-1]), (side,) * self.ndim)
-        units[tile.ravel(), 0, within] = hits
-        units[tile.ravel(), 1, within] = passes
-        self.tiles.add(coords, units)
+        self.tiles.add_cells(index, np.stack([hits, passes], axis=1))
 
     def merge(self, other: EvidenceMap) -> None:
         """Add another map of the same frame to this one, exactly.
 
         Raises:
-            InputError: the maps differ in resolution, dimensions or kind of votes.
+            InputError: the maps differ in resolution, dimensions, kind of votes, half-life or its
+                t_ref_ns (see `rescaled`), or in whether they keep lengths.
         """
-        for name in ("resolution", "ndim", "votes"):
-            mine, theirs = getattr(self, name), getattr(other, name)
+        if self.ndim != other.ndim:
+            raise InputError(
+                f"maps of different ndim cannot be added: {self.ndim} here, {other.ndim} there"
+            )
+        for field in dataclasses.fields(MapConfig):
+            name = field.name
+            mine, theirs = getattr(self.config.map, name), getattr(other.config.map, name)
             if mine != theirs:
                 raise InputError(
                     f"maps of different {name} cannot be added: {mine} here, {theirs} there"
                 )
-        if self.tiles.side == other.tiles.side:
-            self.tiles.merge(other.tiles)
-        else:
-            self.add_cells(*other.cells())
+        _merge_tiles(self.tiles, other.tiles)
+        if self.lengths is not None and other.lengths is not None:
+            _merge_tiles(self.lengths, other.lengths)
         self.provenance.extend(other.provenance)
 
     def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> EvidenceMap:
         """A new map with the cells of a box alone; arguments and errors as in `region`."""
         first, last = self._box(lo, hi)
-        index, hits, passes = self.cells()
-        inside = ((index >= first) & (index < last)).all(axis=1)
         part = self.like()
-        part.add_cells(index[inside], hits[inside], passes[inside])
+        _crop_tiles(part.tiles, self.tiles, first, last)
+        if part.lengths is not None and self.lengths is not None:
+            _crop_tiles(part.lengths, self.lengths, first, last)
         part.provenance = list(self.provenance)
         return part
 
-    def like(self) -> EvidenceMap:
-        """An empty map with the same configuration."""
+    def rescaled(self, t_ref_ns: int) -> EvidenceMap:
+        """A new map whose half-life counts back from a later time, to go on with later scans.
+
+        Every weight is multiplied by one factor and rounded, so the result differs from that of a
+        map made for this t_ref_ns by roundings: it is inexact. The provenance says so, and how
+        many weights above 0 became 0.
+
+        Args:
+            t_ref_ns: the later time [ns].
+
+        Raises:
+            ConfigError: the map has no half-life, or the time is earlier than its own.
+        """
+        from oddsmap.forgetting import rescaled
+
+        return rescaled(self, t_ref_ns)
+
+    def like(self, *, t_ref_ns: int | None = None) -> EvidenceMap:
+        """An empty map with the same configuration, or for another t_ref_ns."""
+        own = self.config.map
         return EvidenceMap(
             self.resolution,
             votes=self.votes,
+            half_life=own.half_life,
+            t_ref_ns=own.t_ref_ns if t_ref_ns is None else t_ref_ns,
+            path_lengths=own.path_lengths,
             sensor=self.sensor,
             posterior=self.config.posterior,
             ndim=self.ndim,
@@ -263,18 +315,56 @@ class EvidenceMap:
         *,
         p_hit: float | None = None,
         p_miss: float | None = None,
-        prior: float | None = None,
+        prior: float | MapLike | None = None,
+        clamp: tuple[float, float] | None = None,
     ) -> LogOdds:
         """The posterior of the Bayes filter, a view: see `oddsmap.posterior.log_odds.LogOdds`.
 
         Args:
             p_hit: p(x | z) of a hit at prior 1/2; default: the map's sensor model.
             p_miss: p(x | z) of a pass at prior 1/2; likewise.
-            prior: p(x); default: the map's configuration.
+            prior: p(x), a number or a map of it; default: the map's configuration.
+            clamp: lowest and highest probability of the view; None: as they are.
         """
         from oddsmap.posterior.log_odds import LogOdds
 
-        return LogOdds(self, p_hit=p_hit, p_miss=p_miss, prior=prior)
+        return LogOdds(self, p_hit=p_hit, p_miss=p_miss, prior=prior, clamp=clamp)
+
+    def reflection(
+        self,
+        *,
+        a: float = 1.0,
+        b: float = 1.0,
+        threshold: float = 0.5,
+        level: float = 0.95,
+        kind: IntervalKind = "equal-tailed",
+    ) -> Reflection:
+        """How often a beam is reflected: see `oddsmap.posterior.reflection.Reflection`.
+
+        Args:
+            a: the Beta prior's weight of hits.
+            b: its weight of passes.
+            threshold: reflectivity from which a cell counts as occupied.
+            level: of credible intervals.
+            kind: which interval of that level: "equal-tailed" or "highest-density".
+        """
+        from oddsmap.posterior.reflection import Reflection
+
+        return Reflection(self, a=a, b=b, threshold=threshold, level=level, kind=kind)
+
+    def decay_rate(
+        self, *, shape: float = 1.0, rate: float | None = None, level: float = 0.95
+    ) -> DecayRate:
+        """How soon beams end in a cell: see `oddsmap.posterior.decay.DecayRate`.
+
+        Args:
+            shape: the Gamma prior's weight of hits.
+            rate: its length without a hit [m]; None: the side of a cell.
+            level: of credible intervals.
+        """
+        from oddsmap.posterior.decay import DecayRate
+
+        return DecayRate(self, shape=shape, rate=rate, level=level)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the map as a Zarr folder: see `oddsmap.store.save_map`."""
@@ -288,3 +378,24 @@ class EvidenceMap:
         from oddsmap.store import load_map
 
         return load_map(path)
+
+
+def _sorted_cells(tiles: TileStore) -> tuple[IntArray, IntArray]:
+    parts = list(tiles.cells())
+    index = np.concatenate([np.empty((0, tiles.ndim), np.int64), *(part[0] for part in parts)])
+    units = np.concatenate([np.empty((0, 2), np.int64), *(part[1] for part in parts)])
+    order = np.lexsort(index.T)
+    return index[order], units[order]
+
+
+def _merge_tiles(to: TileStore, tiles: TileStore) -> None:
+    if to.side == tiles.side:
+        to.merge(tiles)
+    else:
+        to.add_cells(*_sorted_cells(tiles))
+
+
+def _crop_tiles(to: TileStore, tiles: TileStore, first: IntArray, last: IntArray) -> None:
+    index, units = _sorted_cells(tiles)
+    inside = ((index >= first) & (index < last)).all(axis=1)
+    to.add_cells(index[inside], units[inside])

@@ -12,25 +12,27 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence import EvidenceMap
+from oddsmap.forgetting import last_stamp
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.scan import Log, Scan
 from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
+from oddsmap.sensors.overhead import GridScan, OverheadSensor
 from oddsmap.workers import Team
 
-__all__ = ["Report", "add_log", "add_scans", "build_map"]
-
-SENSOR_SAYS = ("range_min", "range_max")
-"""What a log may say of its sensor that is a field of the sensor model."""
+__all__ = ["Report", "add_log", "add_scans", "build_map", "said_of_sensor"]
 
 METHODS = ("rays", "projective")
 
@@ -54,11 +56,14 @@ class Report:
 
 
 def build_map(
-    log: Log | Iterable[Scan | DepthScan],
+    log: Log | Iterable[Measurement],
     resolution: float,
     *,
-    sensor: BeamSensor | None = None,
-    votes: str = "scan",
+    sensor: Sensor | None = None,
+    votes: str | None = None,
+    half_life: float | None = None,
+    t_ref_ns: int | None = None,
+    path_lengths: bool = False,
     method: str = "rays",
     threads: int = 1,
     progress: Callable[[int], None] | None = None,
@@ -68,9 +73,17 @@ def build_map(
     Args:
         log: what `open_log` gives, or any scans.
         resolution: side of a cell [m].
-        sensor: the sensor model; by default a `BeamSensor` with what the log says of its sensor.
+        sensor: the sensor model; by default what the log says of its sensor: an `OverheadSensor`
+            for grid scans, a `ConeSensor` where it says that beams are wide, else a `BeamSensor`.
         votes: "scan": a cell gets at most one vote a scan, hits before passes (the textbook
-            filter: one update a measurement). "beam": every beam votes, weights add up.
+            filter: one update a measurement). "beam": every beam votes, weights add up. Default:
+            "beam" for cones, where each echo is a measurement, else "scan".
+        half_life: evidence of this age weighs half [s], for worlds that change; every scan needs
+            a stamp. None: it never fades.
+        t_ref_ns: the time at which it weighs 1 [ns]; default: that of the last scan, for which
+            the log is gone through twice.
+        path_lengths: True: also keep the length of the beams inside each cell, for
+            `EvidenceMap.decay_rate`; needs votes "beam".
         method: how depth images free cells. "rays": exactly, along the ray of every pixel;
             "projective": those whose centre lies before what its pixel sees, which is many times
             as fast and approximate (docs/method-depth.md). Hits are the same.
@@ -86,13 +99,19 @@ def build_map(
         ConfigError: a parameter outside its range.
         MapTooLargeError: the map, or one scan of it, would not fit in memory.
     """
-    if sensor is None:
-        said = getattr(log, "sensor", {})
-        sensor = BeamSensor(**{name: said[name] for name in SENSOR_SAYS if name in said})
+    if half_life is not None and t_ref_ns is None:
+        log = list(log) if isinstance(log, Iterator) else log
+        t_ref_ns = last_stamp(_scans_of(log, method))
     scans = _scans_of(log, method)
     first = next(scans, None)
+    if sensor is None:
+        said = said_of_sensor(log, first=first)
+        sensor = KINDS[said.pop("kind")](**said)
     ndim = _ndim(first)
-    evidence = EvidenceMap(resolution, votes=votes, sensor=sensor, ndim=ndim)
+    evidence = EvidenceMap(
+        resolution, votes=votes, half_life=half_life, t_ref_ns=t_ref_ns,
+        path_lengths=path_lengths, sensor=sensor, ndim=ndim,
+    )  # fmt: skip
     ahead = scans if first is None else chain([first], scans)
     evidence.report = add_log(
         evidence, log, scans=ahead, method=method, threads=threads, progress=progress
@@ -100,12 +119,31 @@ def build_map(
     return evidence
 
 
+def said_of_sensor(
+    log: object, kind: str | None = None, *, first: Measurement | None = None
+) -> dict[str, Any]:
+    """What a log says of its sensor, as fields of the sensor model, with its `kind`.
+
+    Args:
+        log: any log.
+        kind: the kind of sensor; default: as the log's readings are.
+        first: the first of them.
+    """
+    said: Mapping[str, float] = getattr(log, "sensor", {})
+    if kind is None and isinstance(first, GridScan):
+        kind = OverheadSensor.kind
+    elif kind is None:
+        kind = ConeSensor.kind if "cone_deg" in said else BeamSensor.kind
+    fields = {field.name for field in dataclasses.fields(KINDS[kind])}
+    return {"kind": kind} | {name: value for name, value in said.items() if name in fields}
+
+
 def add_log(
     evidence: EvidenceMap,
-    log: Log | Iterable[Scan | DepthScan],
+    log: Log | Iterable[Measurement],
     *,
-    scans: Iterable[Scan | DepthScan] | None = None,
-    sensor: BeamSensor | None = None,
+    scans: Iterable[Measurement] | None = None,
+    sensor: Sensor | None = None,
     method: str = "rays",
     threads: int = 1,
     progress: Callable[[int], None] | None = None,
@@ -132,17 +170,26 @@ def add_log(
         scans=report.scans,
         beams=report.beams,
         skipped=dict(report.skipped),
-        sensor=dataclasses.asdict(used),
+        sensor={"kind": used.kind, **dataclasses.asdict(used)},
         method=method,
+        **_forgets(evidence),
     )
     return report
 
 
+def _forgets(evidence: EvidenceMap) -> dict[str, float | int | None]:
+    """Of a map whose evidence fades: how fast, and from when."""
+    own = evidence.config.map
+    if own.half_life is None:
+        return {}
+    return {"half_life": own.half_life, "t_ref_ns": own.t_ref_ns}
+
+
 def add_scans(
     evidence: EvidenceMap,
-    scans: Iterable[Scan | DepthScan],
+    scans: Iterable[Measurement],
     *,
-    sensor: BeamSensor | None = None,
+    sensor: Sensor | None = None,
     method: str = "rays",
     threads: int = 1,
     progress: Callable[[int], None] | None = None,
@@ -160,8 +207,7 @@ def add_scans(
         raise InputError('method "projective" is for depth images (DepthScan) and maps of space')
     sensor = sensor or evidence.sensor
     team = Team(evidence, sensor, threads, method)
-    wide = sensor.hit_width > 0
-    report = Report(compile_s=_compile(evidence.ndim, evidence.votes, wide, method))
+    report = Report(compile_s=_compile(evidence, sensor, method))
     for scan_count, beam_count, skipped in team.run(scans):
         report.add(scan_count, beam_count, skipped)
         if progress is not None:
@@ -170,35 +216,45 @@ def add_scans(
     return report
 
 
-def _scans_of(log: Log | Iterable[Scan | DepthScan], method: str) -> Iterator[Scan | DepthScan]:
+def _scans_of(log: Log | Iterable[Measurement], method: str) -> Iterator[Measurement]:
     """The scans of a log; its depth images as such where the method asks for them."""
     images = getattr(log, "depth_scans", None) if method == "projective" else None
     return iter(log) if images is None else iter(images())
 
 
-def _ndim(scan: Scan | DepthScan | None) -> int:
-    if scan is None:
+def _ndim(scan: Measurement | None) -> int:
+    if scan is None or isinstance(scan, GridScan):
         return 2
     return 3 if isinstance(scan, DepthScan) else scan.directions.shape[1]
 
 
-def _compile(ndim: int, votes: str, wide: bool, method: str) -> float:
+def _compile(evidence: EvidenceMap, sensor: Sensor, method: str) -> float:
     """Compile what a map needs, or load it from the cache; returns the seconds that took."""
     started = time.perf_counter()
-    _compile_once(ndim, votes == "beam" or wide, method)
+    weights = (
+        evidence.votes == "beam"
+        or evidence.config.map.half_life is not None
+        or (isinstance(sensor, BeamSensor) and not sensor.whole_votes)
+    )
+    _compile_once(evidence.ndim, sensor.kind, weights, evidence.lengths is not None, method)
     return time.perf_counter() - started
 
 
 @cache
-def _compile_once(ndim: int, weights: bool, method: str) -> None:
+def _compile_once(ndim: int, kind: str, weights: bool, lengths: bool, method: str) -> None:
     # A toy map goes through the same kernels.
-    sensor = BeamSensor(hit_width=1.0 if weights else 0.0)
     pose = Pose2(0.5, 0.5, 0.0) if ndim == 2 else Pose3(np.eye(3), np.full(3, 0.5))
-    toy = EvidenceMap(1.0, sensor=sensor, ndim=ndim)
-    scan: Scan | DepthScan = Scan(pose, np.eye(ndim), np.full(ndim, 3.0))
-    if method == "projective" and isinstance(pose, Pose3):
+    scan: Measurement = Scan(pose, np.eye(ndim), np.full(ndim, 3.0))
+    sensor: Sensor = BeamSensor(fade=1.0 if weights else 0.0)
+    if kind == ConeSensor.kind:
+        sensor = ConeSensor(cone_deg=30.0)
+    elif kind == OverheadSensor.kind and isinstance(pose, Pose2):
+        sensor, scan = OverheadSensor(), GridScan(pose, np.eye(2), 1.0, (0.0, 0.0))
+    elif method == "projective" and isinstance(pose, Pose3):
         camera = PinholeCamera(2.0, 2.0, 1.5, 1.5, width=4, height=4)
         scan = DepthScan(pose, np.full((4, 4), 3.0, np.float32), camera)
+    votes = "beam" if lengths else "scan"
+    toy = EvidenceMap(1.0, sensor=sensor, votes=votes, path_lengths=lengths, ndim=ndim)
     for _ in Team(toy, sensor, 1, method).run([scan]):
         pass
     toy.tiles.merge(toy.tiles)

@@ -8,20 +8,22 @@ it; what the kernels cannot check is checked here.
 from __future__ import annotations
 
 import math
+import threading
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 
-from oddsmap.cells import to_cells
+from oddsmap.cells import beam_shape, cells_near_return, to_cells
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.evidence import EvidenceMap
+from oddsmap.integrate_lengths import LengthIntegrator, check_lengths
 from oddsmap.kernels.beams import ScanCells
 from oddsmap.kernels.integrate2d import DONE, FULL, count_votes, mark_votes
 from oddsmap.kernels.segments import COLUMNS
-from oddsmap.scan import Scan
+from oddsmap.kernels.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor, Segments
-from oddsmap.sensors.depth_camera import DepthScan
+from oddsmap.sensors.kinds import Measurement
 from oddsmap.tiles import TileStore
 
 __all__ = ["Integrator2D"]
@@ -41,23 +43,41 @@ class Integrator2D:
         evidence: the map whose resolution and kind of votes apply.
         sensor: the sensor model of the scans to come.
         tiles: where the votes go.
+        lock: guards the tiles of path lengths, which all integrators of a map share.
     """
 
-    def __init__(self, evidence: EvidenceMap, sensor: BeamSensor, tiles: TileStore) -> None:
+    def __init__(
+        self,
+        evidence: EvidenceMap,
+        sensor: BeamSensor,
+        tiles: TileStore,
+        lock: threading.Lock | None = None,
+    ) -> None:
+        self.scale = ONE
+        self.lost = np.zeros(2, np.int64)
         self.tiles = tiles
         self._resolution = evidence.resolution
         self._sensor = sensor
         self._every_beam = evidence.votes == "beam"
-        self._marks = not self._every_beam and self._sensor.hit_width == 0
+        self._shape = beam_shape(sensor, evidence.resolution)
+        forgets = evidence.config.map.half_life is not None
+        self._marks = not self._every_beam and sensor.whole_votes and not forgets
         self._mark_window = np.zeros(0, np.uint8)
         self._count_window = np.zeros((2, 0), np.int64)
-        zone = 2 * math.ceil(sensor.hit_width / evidence.resolution) + 4
+        zone = cells_near_return(sensor, evidence.resolution, 2)
         self._cells = np.zeros((zone, 2), np.int64)
+        self._left = np.zeros(zone)
         self._weights = np.zeros(zone, np.int64)
         self._table = np.zeros((0, COLUMNS), np.int64)
         self._buffer = np.zeros((2, 0), np.int32)
+        self._lengths: LengthIntegrator | None = None
+        if evidence.lengths is not None:
+            check_lengths(sensor)
+            self._lengths = LengthIntegrator(
+                evidence.lengths, lock or threading.Lock(), self._resolution, self.lost[1:]
+            )
 
-    def add(self, scans: Sequence[Scan | DepthScan]) -> tuple[int, int, Counter[str]]:
+    def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
         segments, skipped = self._sensor.segments(scans)
         if len(segments.origins) and segments.origins.shape[1] != 2:
@@ -67,6 +87,8 @@ class Integrator2D:
             skipped["scan.pose_too_far"] += too_far
         if len(arrays.origins):
             self._integrate(arrays)
+            if self._lengths is not None:
+                self._lengths.add(arrays, self.scale)
         return len(arrays.origins), len(arrays.hit), skipped
 
     def _in_cells(self, segments: Segments) -> tuple[ScanCells, int]:
@@ -88,7 +110,8 @@ class Integrator2D:
                 first, status = count_votes(
                     self.tiles.arrays, side, scans, first,
                     self._count_window, block, self._table, self._buffer,
-                    self._every_beam, self._sensor.share_hit, self._cells, self._weights,
+                    self._every_beam, self._shape, self.scale,
+                    self._cells, self._left, self._weights, self.lost,
                 )  # fmt: skip
             if status == FULL:
                 window = int((scans.tiles_hi[first] - scans.tiles_lo[first]).prod())

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections import Counter
 from collections.abc import Sequence
@@ -11,15 +10,17 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.cells import to_cells
+from oddsmap.cells import beam_shape, cells_near_return, to_cells
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.evidence import EvidenceMap
+from oddsmap.integrate_lengths import LengthIntegrator, check_lengths
 from oddsmap.kernels.beams import ScanCells
-from oddsmap.kernels.count3d import apply_counts, count_scan
+from oddsmap.kernels.cell_votes import apply_counts
+from oddsmap.kernels.count3d import count_scan
 from oddsmap.kernels.integrate3d import BIN_COUNT, apply_marks, mark_scan, sort_rays
-from oddsmap.scan import Scan
+from oddsmap.kernels.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.depth_camera import DepthScan
+from oddsmap.sensors.kinds import Measurement
 from oddsmap.tiles import TileStore, memory_limit
 
 __all__ = ["Integrator3D"]
@@ -49,12 +50,16 @@ class Integrator3D:
     def __init__(
         self, evidence: EvidenceMap, sensor: BeamSensor, tiles: TileStore, lock: threading.Lock
     ) -> None:
+        self.scale = ONE
+        self.lost = np.zeros(2, np.int64)
         self.tiles = tiles
         self._lock = lock
         self._resolution = evidence.resolution
         self._sensor = sensor
         self._every_beam = evidence.votes == "beam"
-        self._marks_only = not self._every_beam and sensor.hit_width == 0
+        self._shape = beam_shape(sensor, evidence.resolution)
+        forgets = evidence.config.map.half_life is not None
+        self._marks_only = not self._every_beam and sensor.whole_votes and not forgets
         self._bits = tiles.side.bit_length() - 1
         if tiles.side != 1 << self._bits:
             raise InputError(f"tiles of space need a side that is a power of 2, got {tiles.side}")
@@ -65,12 +70,19 @@ class Integrator3D:
         self._table = np.zeros(0, np.int32)
         self._spans = np.empty((BIN_COUNT, 4))
         self._done = np.zeros(BIN_COUNT, np.int32)
-        zone = 3 * math.ceil(sensor.hit_width / evidence.resolution) + 6
+        zone = cells_near_return(sensor, evidence.resolution, 3)
         self._zone = np.zeros((zone, 3), np.int64)
+        self._zone_left = np.zeros(zone)
         self._zone_weights = np.zeros(zone, np.int64)
+        self._lengths: LengthIntegrator | None = None
+        if evidence.lengths is not None:
+            check_lengths(sensor)
+            self._lengths = LengthIntegrator(
+                evidence.lengths, lock, self._resolution, self.lost[1:]
+            )
         self._grow(_FIRST_BLOCKS)
 
-    def add(self, scans: Sequence[Scan | DepthScan]) -> tuple[int, int, Counter[str]]:
+    def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
         segments, skipped = self._sensor.segments(scans)
         if len(segments.origins) and segments.origins.shape[1] != 3:
@@ -80,6 +92,8 @@ class Integrator3D:
             skipped["scan.pose_too_far"] += too_far
         for scan in range(len(cells.origins)):
             self._integrate(cells, scan)
+        if self._lengths is not None:
+            self._lengths.add(cells, self.scale)
         return len(cells.origins), len(cells.hit), skipped
 
     def _integrate(self, scans: ScanCells, scan: int) -> None:
@@ -99,7 +113,6 @@ class Integrator3D:
 
     def _apply(self, tiles_lo: npt.NDArray[np.int64], shape: npt.NDArray[np.int64]) -> None:
         """Add what is marked or counted in a window to the tiles."""
-        across, up = int(shape[0]), int(shape[1])
         with self._lock:
             touched = int(self._used[0])
             self.tiles.reserve(
@@ -107,12 +120,18 @@ class Integrator3D:
             )
             if self._marks_only:
                 fits = apply_marks(
-                    self.tiles.arrays, tiles_lo, across, up, self._table, self._used, self._marks
+                    self.tiles.arrays,
+                    tiles_lo,
+                    int(shape[0]),
+                    int(shape[1]),
+                    self._table,
+                    self._used,
+                    self._marks,
                 )
             else:
                 fits = apply_counts(
-                    self.tiles.arrays, tiles_lo, across, up, self._every_beam,
-                    self._table, self._used, self._weights,
+                    self.tiles.arrays, tiles_lo, shape, self._every_beam, self.scale,
+                    self._table, self._used, self._weights, self.lost,
                 )  # fmt: skip
         if not fits:
             raise MapTooLargeError(
@@ -142,13 +161,14 @@ class Integrator3D:
         first = 0
         while first >= 0:
             first = count_scan(
-                scans.origins[scan], scans.ends[part], scans.tips[part], scans.hit[part],
+                scans.origins[scan], scans.fades[part], scans.ends[part], scans.tips[part],
+                scans.hit[part],
                 scans.tiles_lo[scan] << self._bits, self._bits, _strides(shape),
-                self._every_beam, self._sensor.share_hit, buffer,
-                self._table, self._used, self._weights, self._zone, self._zone_weights, first,
+                self._every_beam, self._shape, buffer, self._table, self._used, self._weights,
+                self._zone, self._zone_left, self._zone_weights, first,
             )  # fmt: skip
             if first >= 0:
-                self._grow(3 * buffer.shape[1] + len(self._zone))
+                self._grow(3 * buffer.shape[1] + 2 * len(self._zone))
 
     def _ray_buffer(self, shape: npt.NDArray[np.int64]) -> npt.NDArray[np.signedinteger]:
         return self._code_buffer(shape, (3, (int(shape.max()) << self._bits) + 10))

@@ -20,9 +20,9 @@ from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate3d import Integrator3D
 from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN
 from oddsmap.kernels.projective import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
-from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.sensors.kinds import Measurement
 from oddsmap.tiles import TileStore
 
 __all__ = ["ProjectiveIntegrator"]
@@ -61,17 +61,26 @@ class ProjectiveIntegrator(Integrator3D):
                 'method "projective" hits end cells alone: it needs sensor.hit_width = 0, '
                 f"got {sensor.hit_width:g}"
             )
+        for name, unset in (("sigma", 0.0), ("fade", 0.0)):
+            if getattr(sensor, name) != unset:
+                raise ConfigError(
+                    f'method "projective" gives whole votes: it needs sensor.{name} = 0, '
+                    f"got {getattr(sensor, name):g}"
+                )
+        if evidence.config.map.half_life is not None:
+            raise ConfigError('method "projective" gives whole votes: it takes no map.half_life')
         super().__init__(evidence, sensor, tiles, lock)
         self._filters = np.isfinite(sensor.heights).any() or sensor.body_min is not None
         self._camera: _Lookup | None = None
 
-    def add(self, scans: Sequence[Scan | DepthScan]) -> tuple[int, int, Counter[str]]:
+    def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns images used, pixels used, and what was skipped by reason."""
         scan_count, used, skipped = 0, 0, Counter[str]()
         for scan in scans:
             if not isinstance(scan, DepthScan):
                 raise InputError(
-                    'method "projective" is for depth images (DepthScan), got a Scan: '
+                    'method "projective" is for depth images (DepthScan), got '
+                    f"{type(scan).__name__}: "
                     'use method "rays", or the depth_scans() of a log of depth images'
                 )
             pixels, reasons = self._add_image(scan)

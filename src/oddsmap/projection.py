@@ -20,7 +20,7 @@ from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.evidence import EvidenceMap
 from oddsmap.ground import GroundPlane
 from oddsmap.ground_surface import GroundSurface, fit_ground_surface
-from oddsmap.posterior.log_odds import LogOdds
+from oddsmap.posterior.belief import Belief
 from oddsmap.probability_map import ProbabilityMap, Thresholds
 from oddsmap.voxels import VoxelMap
 
@@ -39,7 +39,7 @@ _MAX_CELLS = 1 << 31
 
 
 def project(
-    source: EvidenceMap | LogOdds | VoxelMap,
+    source: EvidenceMap | Belief | VoxelMap,
     z_min: float,
     z_max: float,
     *,
@@ -72,9 +72,9 @@ def project(
     if not z_min < z_max:
         raise ConfigError(f"a height band needs z_min < z_max [m], got {z_min} and {z_max}")
     view = source.log_odds() if isinstance(source, EvidenceMap) else source
-    if isinstance(view, LogOdds) and view.evidence.ndim != 3:
+    if isinstance(view, Belief) and view.ndim != 3:
         raise InputError("only a map of space can be projected, this one is of the plane already")
-    resolution = view.resolution if isinstance(view, VoxelMap) else view.evidence.resolution
+    resolution = view.resolution
     index, probability = view.cells()
     if len(index) == 0:
         nothing = np.zeros((0, 0))
@@ -96,7 +96,7 @@ def project(
     largest = np.full(nx * ny, -1.0)
     np.maximum.at(largest, column, probability[band])
     observed = largest >= 0.0
-    prior = view.prior if isinstance(view, LogOdds) else 0.5
+    prior = view.prior if isinstance(view, Belief) else 0.5
     return ProbabilityMap(
         probability=np.where(observed, largest, prior).reshape(ny, nx),
         observed=observed.reshape(ny, nx),

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +46,11 @@ class Scan:
                 f"a scan with a {d}D pose needs ranges (n,) and directions (n, {d}), "
                 f"got {self.ranges.shape} and {self.directions.shape}"
             )
+
+    @property
+    def size(self) -> int:
+        """How many readings there are."""
+        return len(self.ranges)
 
     @classmethod
     def from_points(
@@ -104,5 +109,7 @@ class Log(Protocol):
     def __len__(self) -> int:
         """How many scans there are."""
 
-    def __iter__(self) -> Iterator[Scan]:
+    # Scans of ranges nearly always, so that is what type checkers offer; `Any` stands for the
+    # `GridScan`s of a log of grids.
+    def __iter__(self) -> Iterator[Scan | Any]:
         """The scans in file order; can be started again."""

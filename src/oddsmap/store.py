@@ -4,10 +4,11 @@
     zarr.open("intel.zarr")["hits"][...]       # votes, rows = y, columns = x
     zarr.open("intel.zarr").attrs["resolution"]
 
-`hits` and `passes` cover the box of known cells, rounded to whole shards. Shards lie on one grid
-for all maps of a resolution (multiples of the shard's side, counted from the map's origin), and
-empty ones are not written: a region can be read, or written by another process, on its own. The
-attribute `shards` lists those that were written, so that one that has gone missing is noticed.
+A map that keeps the lengths of beams has a third array, `lengths`. The arrays cover the box of
+known cells, rounded to whole shards. Shards lie on one grid for all maps of a resolution (multiples
+of the shard's side, counted from the map's origin), and empty ones are not written: a region can be
+read, or written by another process, on its own. The attribute `shards` lists those that were
+written, so that one that has gone missing is noticed.
 docs/formats.md lists every attribute.
 """
 
@@ -26,12 +27,13 @@ from oddsmap.atomic import atomic_output
 from oddsmap.config import Config
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence import EvidenceMap
-from oddsmap.kernels.tiles import MAX_UNITS, ONE
+from oddsmap.kernels.tiles import MAX_UNITS, ONE, PASSES
+from oddsmap.tiles import TileStore
 
 if TYPE_CHECKING:
     import zarr
 
-__all__ = ["FORMAT_VERSION", "is_map", "load_map", "save_map"]
+__all__ = ["CHUNK", "FORMAT_VERSION", "SHARD", "is_map", "load_map", "save_map", "shard_files"]
 
 FORMAT = "oddsmap evidence map"
 FORMAT_VERSION = 1
@@ -39,10 +41,14 @@ FORMAT_VERSION = 1
 IntArray = npt.NDArray[np.int64]
 
 # Side of a chunk (the unit of compression) and of a shard (one file) [cells].
-_CHUNK = {2: 128, 3: 32}
-_SHARD = {2: 1024, 3: 128}
+CHUNK = {2: 128, 3: 32}
+SHARD = {2: 1024, 3: 128}
 _AXES = ("z", "y", "x")
-_ARRAYS = ("hits", "passes")
+_VOTES = {
+    "hits": "weight of the readings that ended in the cell [weight_unit votes]",
+    "passes": "weight of the readings that went through it [weight_unit votes]",
+}
+_LENGTHS = {"lengths": "length of the beams inside the cell [weight_unit sides of a cell]"}
 
 
 def is_map(path: str | os.PathLike[str]) -> bool:
@@ -65,39 +71,41 @@ def save_map(evidence: EvidenceMap, path: str | os.PathLike[str], *, force: bool
     import zarr
 
     d = evidence.ndim
-    shard = _SHARD[d]
+    shard = SHARD[d]
     bounds = evidence.bounds()
     lo, hi = bounds if bounds is not None else (np.zeros(d, np.int64), np.ones(d, np.int64))
     first = lo // shard * shard
     shape = (-(-hi // shard) * shard - first)[::-1]
-    most, whole = _largest(evidence)
-    unit = ONE if whole else 1
-    dtype = np.dtype(np.min_scalar_type(most // unit).str)  # by its name: Zarr knows one uint64
+    stored: list[tuple[TileStore, slice, dict[str, str]]] = [(evidence.tiles, slice(0, 2), _VOTES)]
+    if evidence.lengths is not None:
+        stored.append((evidence.lengths, slice(PASSES, PASSES + 1), _LENGTHS))
     with atomic_output(Path(path), force=force) as part:
         root = zarr.open_group(part, mode="w", zarr_format=3)
-        arrays = [
-            root.create_array(
-                name,
-                shape=tuple(int(n) for n in shape),
-                chunks=(_CHUNK[d],) * d,
-                shards=(shard,) * d,
-                dtype=dtype,
-                fill_value=0,
-                dimension_names=_AXES[-d:],
-                attributes={"description": text, "weight_unit": unit / ONE},
-            )
-            for name, text in (
-                ("hits", "weight of the readings that ended in the cell [weight_unit votes]"),
-                ("passes", "weight of the readings that went through it [weight_unit votes]"),
-            )
-        ]
-        for begin in _shards_of(evidence, shard, lo, hi):
-            weights = evidence.region_units(begin, begin + shard)
-            at = (begin - first)[::-1]
-            where = tuple(slice(int(a), int(a) + shard) for a in at)
-            for array, units in zip(arrays, weights, strict=True):
-                array[where] = (units // unit).astype(dtype)
-        written = {name: _shard_files(part, name, d) for name in _ARRAYS}
+        written: dict[str, list[list[int]]] = {}
+        for tiles, channels, texts in stored:
+            most, whole = _largest(tiles)
+            unit = ONE if whole else 1
+            dtype = np.dtype(np.min_scalar_type(most // unit).str)  # by name: Zarr knows one uint64
+            arrays = [
+                root.create_array(
+                    name,
+                    shape=tuple(int(n) for n in shape),
+                    chunks=(CHUNK[d],) * d,
+                    shards=(shard,) * d,
+                    dtype=dtype,
+                    fill_value=0,
+                    dimension_names=_AXES[-d:],
+                    attributes={"description": text, "weight_unit": unit / ONE},
+                )
+                for name, text in texts.items()
+            ]
+            for begin in _shards_of(tiles, shard, lo, hi):
+                weights = tiles.region(begin, begin + shard)[channels]
+                at = (begin - first)[::-1]
+                where = tuple(slice(int(a), int(a) + shard) for a in at)
+                for array, units in zip(arrays, weights, strict=True):
+                    array[where] = (units // unit).astype(dtype)
+            written |= {name: shard_files(part, name, d) for name in texts}
         root.attrs.update({**_attributes(evidence, first, lo, hi), "shards": written})
 
 
@@ -118,22 +126,22 @@ def _attributes(
     }
 
 
-def _largest(evidence: EvidenceMap) -> tuple[int, bool]:
+def _largest(tiles: TileStore) -> tuple[int, bool]:
     most, fraction = 0, 0
-    for _, units in evidence.tiles.chunks():
+    for _, units in tiles.chunks():
         most = max(most, int(units.max(initial=0)))
         fraction |= int(np.bitwise_or.reduce(units & (ONE - 1), axis=None))
     return most, fraction == 0
 
 
-def _shards_of(evidence: EvidenceMap, shard: int, lo: IntArray, hi: IntArray) -> IntArray:
+def _shards_of(tiles: TileStore, shard: int, lo: IntArray, hi: IntArray) -> IntArray:
     # Every shard that a tile reaches into (a tile's side need not divide a shard's) and that has
     # known cells.
-    side, d = evidence.tiles.side, evidence.ndim
+    side, d = tiles.side, tiles.ndim
     reach = np.array(list(product((*range(0, side, shard), side - 1), repeat=d)))
     found = [
         np.unique((coords[:, None] * side + reach).reshape(-1, d) // shard, axis=0)
-        for coords, _ in evidence.tiles.chunks()
+        for coords, _ in tiles.chunks()
     ]
     begin = np.unique(np.concatenate([np.empty((0, d), np.int64), *found]), axis=0) * shard
     return begin[((begin + shard > lo) & (begin < hi)).all(axis=1)]
@@ -168,13 +176,17 @@ def load_map(
         box_hi = np.asarray(hi, np.int64) if hi is not None else None
         if any(box is not None and box.shape != (d,) for box in (box_lo, box_hi)):
             raise InputError(f"{path}: a box needs {d} indices each, got lo {lo!r} and hi {hi!r}")
-        for begin in _stored_shards(root, Path(path), first, d):
-            end = begin + _shard_side(root)
-            if box_lo is not None and (end <= box_lo).any():
-                continue
-            if box_hi is not None and (begin >= box_hi).any():
-                continue
-            _add_shard(evidence, root, begin, end, first)
+        stored = [(evidence.tiles, tuple(_VOTES))]
+        if evidence.lengths is not None:
+            stored.append((evidence.lengths, tuple(_LENGTHS)))
+        for tiles, names in stored:
+            for begin in _stored_shards(root, Path(path), names, first, d):
+                end = begin + _shard_side(root)
+                if box_lo is not None and (end <= box_lo).any():
+                    continue
+                if box_hi is not None and (begin >= box_hi).any():
+                    continue
+                _add_shard(tiles, root, names, begin, end, first)
     except (
         OSError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, RuntimeError,
     ) as error:  # fmt: skip
@@ -206,6 +218,9 @@ def _empty_map(
     evidence = EvidenceMap(
         config.map.resolution,
         votes=config.map.votes,
+        half_life=config.map.half_life,
+        t_ref_ns=config.map.t_ref_ns,
+        path_lengths=config.map.path_lengths,
         sensor=config.sensor,
         posterior=config.posterior,
         ndim=len(first),
@@ -228,20 +243,22 @@ def _shard_side(root: zarr.Group) -> int:
     return int((array.shards or array.chunks)[0])
 
 
-def _shard_files(path: Path, name: str, d: int) -> list[list[int]]:
-    # Place of each file of an array, in shards, z and y before x. To Zarr an empty file is none.
+def shard_files(path: Path, name: str, d: int) -> list[list[int]]:
+    """Place of each file of an array, in shards, z and y before x; to Zarr an empty one is none."""
     folder = path / name / "c"
     files = (file for file in folder.glob("/".join("*" * d)) if file.stat().st_size)
     return sorted([int(part) for part in file.relative_to(folder).parts] for file in files)
 
 
-def _stored_shards(root: zarr.Group, path: Path, first: IntArray, d: int) -> Iterator[IntArray]:
+def _stored_shards(
+    root: zarr.Group, path: Path, names: tuple[str, ...], first: IntArray, d: int
+) -> Iterator[IntArray]:
     # The files that exist: a map may span far more shards than were ever written.
     side = _shard_side(root)
     written: Any = root.attrs["shards"]
     found: set[tuple[int, ...]] = set()
-    for name in _ARRAYS:
-        files = {tuple(place) for place in _shard_files(path, name, d)}
+    for name in names:
+        files = {tuple(place) for place in shard_files(path, name, d)}
         # To Zarr a missing file is a shard of zeros; here it would be evidence lost in silence.
         missing = [place for place in written[name] if tuple(place) not in files]
         if missing:
@@ -252,15 +269,20 @@ def _stored_shards(root: zarr.Group, path: Path, first: IntArray, d: int) -> Ite
 
 
 def _add_shard(
-    evidence: EvidenceMap, root: zarr.Group, begin: IntArray, end: IntArray, first: IntArray
+    tiles: TileStore,
+    root: zarr.Group,
+    names: tuple[str, ...],
+    begin: IntArray,
+    end: IntArray,
+    first: IntArray,
 ) -> None:
-    d, side = evidence.ndim, evidence.tiles.side
+    d, side = tiles.ndim, tiles.side
     cut = tuple(
         slice(int(a), int(b))
         for a, b in zip((begin - first)[::-1], (end - first)[::-1], strict=True)
     )
     weights = []
-    for name in _ARRAYS:
+    for name in names:
         array = _array(root, name)
         unit = round(float(str(array.attrs["weight_unit"])) * ONE)
         stored = np.asarray(array[cut])
@@ -270,11 +292,13 @@ def _add_shard(
         ):
             raise ValueError(f"{name} holds weights that are no counts of 0 to 2^46 votes")
         weights.append(stored.astype(np.int64) * unit)
+    if len(weights) == 1:  # lengths lie in the place of passes
+        weights.insert(0, np.zeros_like(weights[0]))
     # Seen as tiles: (ty, side, tx, side) becomes (ty, tx, side, side), one row a tile.
     count = int(end[0] - begin[0]) // side
     blocks = np.stack(weights).reshape(2, *(count, side) * d)
     order = [1 + 2 * axis for axis in range(d)] + [0] + [2 + 2 * axis for axis in range(d)]
-    tiles = blocks.transpose(order).reshape(count**d, 2, side**d)
-    used = np.flatnonzero(tiles.any(axis=(1, 2)))
+    units = blocks.transpose(order).reshape(count**d, 2, side**d)
+    used = np.flatnonzero(units.any(axis=(1, 2)))
     coords = np.stack(np.unravel_index(used, (count,) * d)[::-1], axis=1) + begin // side
-    evidence.tiles.add(coords, tiles[used])
+    tiles.add(coords, units[used])

@@ -144,6 +144,49 @@ class TileStore:
             part = slice(start, min(start + _CHUNK_TILES, self.count))
             yield self.arrays.coords[part], self.units(part)
 
+    def cells(self) -> Iterator[tuple[IntArray, IntArray]]:
+        """All cells with a weight, some thousand tiles at a time, in the order of the tiles.
+
+        Yields:
+            index, shape (n, ndim), x first; units of hits and passes, shape (n, 2).
+        """
+        for coords, units in self.chunks():
+            tile, cell = np.nonzero(units.any(axis=1))
+            # Cells of a tile lie row by row, x fastest: the reverse of the axes of coords.
+            within = np.stack(np.unravel_index(cell, (self.side,) * self.ndim)[::-1], axis=1)
+            yield coords[tile] * self.side + within, units[tile, :, cell]
+
+    def region(self, lo: IntArray, hi: IntArray) -> IntArray:
+        """Units of a box of cells, shape (2, ny, nx) or (2, nz, ny, nx): hits, passes."""
+        side, d = self.side, self.ndim
+        tile_lo, tile_hi = lo // side, -(-hi // side)
+        span = (tile_hi - tile_lo)[::-1]
+        # Seen as tiles of cells, (2, ty, side, tx, side), whole tiles are put in place at once.
+        full = np.zeros((2, *(n for count in span for n in (int(count), side))), np.int64)
+        slots = np.flatnonzero(((self.coords >= tile_lo) & (self.coords < tile_hi)).all(axis=1))
+        at = (self.coords[slots] - tile_lo)[:, ::-1]
+        where = [part for axis in range(d) for part in (at[:, axis], slice(None))]
+        full[(slice(None), *where)] = self.units(slots).reshape(-1, 2, *(side,) * d)
+        begin, end = (lo - tile_lo * side)[::-1], (hi - tile_lo * side)[::-1]
+        cut = tuple(slice(a, b) for a, b in zip(begin, end, strict=True))
+        return full.reshape(2, *(span * side))[(slice(None), *cut)].copy()
+
+    def add_cells(self, index: IntArray, units: IntArray) -> None:
+        """Add weights to single cells; errors as in `add`.
+
+        Args:
+            index: cells, shape (n, ndim), x first, each at most once.
+            units: non-negative weights in 1/65536 vote, shape (n, 2): hits, passes.
+        """
+        if len(index) == 0:
+            return
+        side, d = self.side, self.ndim
+        coords, tile = np.unique(index // side, axis=0, return_inverse=True)
+        whole = np.zeros((len(coords), 2, side**d), np.int64)
+        within = np.ravel_multi_index(tuple((index % side).T[::-1]), (side,) * d)
+        whole[tile.ravel(), :, within] = units
+        self.add(coords, whole)
+
     def add(self, coords: IntArray, units: IntArray) -> None:
         """Add weights to tiles, making those that are new.
 

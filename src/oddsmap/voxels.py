@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.posterior.log_odds import sigmoid
+from oddsmap.posterior.belief import sigmoid
 from oddsmap.probability_map import State, Thresholds
 
 __all__ = ["VoxelMap", "morton", "unmorton"]

@@ -16,10 +16,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from typing import Protocol
 
+import numpy as np
+import numpy.typing as npt
+
 from oddsmap.evidence import EvidenceMap
-from oddsmap.scan import Scan
+from oddsmap.forgetting import by_weight
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.depth_camera import DepthScan
+from oddsmap.sensors.kinds import Measurement, Sensor
 from oddsmap.tiles import TileStore
 
 __all__ = ["Team"]
@@ -35,8 +38,12 @@ class Integrator(Protocol):
     """What adds scans to tiles; see `Integrator2D` and `Integrator3D`."""
 
     tiles: TileStore
+    scale: int
+    """What the scans to come weigh [1/65536]."""
+    lost: npt.NDArray[np.int64]
+    """How many weights above 0 have become 0 by the scale: votes, path lengths."""
 
-    def add(self, scans: Sequence[Scan | DepthScan]) -> Counts:
+    def add(self, scans: Sequence[Measurement]) -> Counts:
         """Add a batch: scans used, beams used, and what was skipped by reason."""
 
 
@@ -51,9 +58,10 @@ class Team:
     """
 
     def __init__(
-        self, evidence: EvidenceMap, sensor: BeamSensor, threads: int, method: str = "rays"
+        self, evidence: EvidenceMap, sensor: Sensor, threads: int, method: str = "rays"
     ) -> None:
         self._evidence = evidence
+        self._forgets = evidence.config.map.half_life, evidence.config.map.t_ref_ns
         self._integrators = _integrators(evidence, sensor, threads, method)
         self._busy_s = dict.fromkeys(range(threads), 0.0)
         self.read_s = 0.0
@@ -65,7 +73,7 @@ class Team:
         """Wall time of integration alone [s]: the busiest thread's, and adding up."""
         return max(self._busy_s.values()) + self.merge_s
 
-    def run(self, scans: Iterable[Scan | DepthScan]) -> Iterator[Counts]:
+    def run(self, scans: Iterable[Measurement]) -> Iterator[Counts]:
         """Add all scans; gives the counts of each batch as it is done."""
         batches = self._batches(scans)
         if len(self._integrators) == 1:
@@ -76,7 +84,7 @@ class Team:
         for who in range(len(self._integrators)):
             idle.put(who)
 
-        def work(batch: list[Scan | DepthScan]) -> Counts:
+        def work(batch: list[Measurement]) -> Counts:
             who = idle.get()
             try:
                 return self._add(who, batch)
@@ -98,15 +106,18 @@ class Team:
                 self._evidence.tiles.merge(integrator.tiles)
         self.merge_s = time.perf_counter() - started
 
-    def _add(self, who: int, batch: list[Scan | DepthScan]) -> Counts:
+    def _add(self, who: int, batch: list[Measurement]) -> Counts:
         started = time.perf_counter()
         try:
-            return self._integrators[who].add(batch)
+            half_life, t_ref_ns = self._forgets
+            if half_life is None or t_ref_ns is None:
+                return self._integrators[who].add(batch)
+            return _add_by_weight(self._integrators[who], batch, half_life, t_ref_ns)
         finally:
             self._busy_s[who] += time.perf_counter() - started
 
-    def _batches(self, scans: Iterable[Scan | DepthScan]) -> Iterator[list[Scan | DepthScan]]:
-        batch: list[Scan | DepthScan] = []
+    def _batches(self, scans: Iterable[Measurement]) -> Iterator[list[Measurement]]:
+        batch: list[Measurement] = []
         beams = 0
         source = iter(scans)
         while True:
@@ -116,7 +127,7 @@ class Team:
             if scan is None:
                 break
             batch.append(scan)
-            beams += scan.depth.size if isinstance(scan, DepthScan) else len(scan.ranges)
+            beams += scan.size
             if beams >= _BATCH_BEAMS:
                 yield batch
                 batch, beams = [], 0
@@ -124,10 +135,37 @@ class Team:
             yield batch
 
 
+def _add_by_weight(
+    integrator: Integrator, batch: Sequence[Measurement], half_life: float, t_ref_ns: int
+) -> Counts:
+    """Add scans that weigh less the older they are."""
+    scan_count, beam_count, skipped = 0, 0, Counter[str]()
+    for scale, scans in by_weight(batch, half_life, t_ref_ns).items():
+        if scale == 0:
+            skipped["scan.forgotten"] += len(scans)
+            continue
+        integrator.scale = scale
+        used, beams, reasons = integrator.add(scans)
+        scan_count, beam_count = scan_count + used, beam_count + beams
+        skipped += reasons
+    skipped["vote.underflow"] += int(integrator.lost[0])
+    skipped["length.underflow"] += int(integrator.lost[1])
+    integrator.lost[:] = 0
+    return scan_count, beam_count, +skipped
+
+
 def _integrators(
-    evidence: EvidenceMap, sensor: BeamSensor, threads: int, method: str
+    evidence: EvidenceMap, sensor: Sensor, threads: int, method: str
 ) -> Sequence[Integrator]:
     lock = threading.Lock()
+    if not isinstance(sensor, BeamSensor):
+        if evidence.lengths is not None:
+            from oddsmap.integrate_lengths import check_lengths
+
+            check_lengths(sensor)
+        from oddsmap.integrate_cells import CellIntegrator
+
+        return [CellIntegrator(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
     if method == "projective":
         from oddsmap.integrate_projective import ProjectiveIntegrator
 
@@ -140,4 +178,4 @@ def _integrators(
     from oddsmap.integrate2d import Integrator2D
 
     own = [evidence.tiles, *(evidence.new_tiles() for _ in range(threads - 1))]
-    return [Integrator2D(evidence, sensor, tiles) for tiles in own]
+    return [Integrator2D(evidence, sensor, tiles, lock) for tiles in own]

@@ -60,9 +60,9 @@ def test_png(run: Run, saved: Path, tmp_path: Path) -> None:
     [
         (["x.tiff"], "the suffix says what to write"),
         (["x.npz", "--prior", "2"], "prior is a probability"),
-        (["x.npz", "--prior", "other.zarr"], "not available yet"),
+        (["x.npz", "--prior", "other.zarr"], "neither a number nor a file"),
         (["x.npz", "--p-hit", "0.3"], "p_miss < 0.5 < p_hit"),
-        (["x.npz", "--posterior", "reflection"], "not available"),
+        (["x.npz", "--posterior", "refraction"], "known: log-odds, reflection"),
     ],
 )
 def test_export_failures(

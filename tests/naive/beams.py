@@ -47,12 +47,29 @@ def segments(
             continue
         far, hit, _ = reach(sensor, scan.ranges)
         for i in np.flatnonzero(~np.isnan(far)):
-            half = sensor.hit_width / 2 if hit[i] else 0.0
+            half = sensor.half_width if hit[i] else 0.0
             rotation, origin = scan.map_from_sensor.rotation, scan.map_from_sensor.translation
             ray = np.zeros(len(origin))
             for column in range(len(origin)):
                 ray += rotation[:, column] * scan.directions[i, column]
             end = origin + ray * max(far[i] - half, 0.0)
-            tip = origin + ray * (far[i] + half) if sensor.hit_width > 0 else end
+            tip = origin + ray * (far[i] + half) if sensor.half_width > 0 else end
             found.append((end, tip, bool(hit[i])))
+    return found
+
+
+def fades(sensor: BeamSensor, scans: Sequence[Scan]) -> list[FloatArray]:
+    """Where the passes of each usable beam begin to fade, metres: by a sensor that sees shorter."""
+    found = []
+    for scan in scans:
+        if not scan.map_from_sensor.is_finite:
+            continue
+        far, hit, _ = reach(sensor, scan.ranges)
+        for i in np.flatnonzero(~np.isnan(far)):
+            rotation, origin = scan.map_from_sensor.rotation, scan.map_from_sensor.translation
+            ray = np.zeros(len(origin))
+            for column in range(len(origin)):
+                ray += rotation[:, column] * scan.directions[i, column]
+            near = max(far[i] - sensor.half_width, 0.0) if hit[i] else far[i]
+            found.append(origin + ray * (max(near - sensor.fade, 0.0) if hit[i] else near))
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from oddsmap import BeamSensor, EvidenceMap, LogOdds, State, Thresholds, build_map
 from oddsmap.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.posterior.log_odds import sigmoid
+from oddsmap.posterior.belief import sigmoid
 from oddsmap.sensors.beam import logit
 from tests.kit import ONE, add_votes, fan_scan, random_scans, votes_of
 
@@ -22,7 +23,7 @@ probability = st.floats(0.001, 0.999)
 above, below = st.floats(0.501, 0.999), st.floats(0.001, 0.499)
 
 
-def one_cell(hits: float, passes: float, **other: float) -> LogOdds:
+def one_cell(hits: float, passes: float, **other: Any) -> LogOdds:
     evidence = EvidenceMap(1.0)
     add_votes(evidence, {(0, 0): (round(hits * ONE), round(passes * ONE))})
     return evidence.log_odds(**other)
@@ -129,6 +130,7 @@ def test_a_scan_in_three_regions() -> None:
     view = evidence.log_odds(prior=0.3)
     got = view.probability(((0, 0), (6, 1)))[0]
     sensor = evidence.sensor
+    assert isinstance(sensor, BeamSensor)
     want = [*sensor.inverse_model([0.0, 1.0, 2.0, 3.0], 3.0, 0.3), 0.3, 0.3]
     assert np.allclose(got, want, rtol=1e-12)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose2
+from oddsmap.poses import Pose2, Pose3
 from oddsmap.readers import open_log
 from oddsmap.readers.npz_beams import matches
 from oddsmap.scan import Log
@@ -146,18 +146,63 @@ def test_integer_beams_are_read(tmp_path: Path) -> None:
     assert scan.ranges.tolist() == [math.inf]
 
 
-def test_cones_are_refused_for_now(tmp_path: Path) -> None:
-    assert refused(tmp_path, beams=BEAMS, cone_deg=25.0) == (
-        "`cone_deg` is 25: cones are not supported yet, only narrow beams (up to 1 degree)"
+def test_wide_beams_say_their_angle(tmp_path: Path) -> None:
+    log = read(tmp_path, beams=BEAMS, range_max=4.0, cone_deg=np.float32(22.5), p_random=0.1)
+    assert log.sensor == {"range_max": 4.0, "cone_deg": 22.5, "p_random": 0.1}
+    assert read(tmp_path, beams=BEAMS, cone_deg=1.01).sensor == {"cone_deg": 1.01}
+    for narrow in (0.0, 0.25, 1.0):
+        assert read(tmp_path, beams=BEAMS, cone_deg=narrow).sensor == {}
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+def test_beams_of_space(tmp_path: Path, kind: str) -> None:
+    beams = np.array(
+        [
+            [1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 3.0],
+            [1.0, 2.0, 3.0, 0.0, 0.6, 0.8, 4.0],
+            [1.0, 2.0, 3.5, 0.0, 0.0, -1.0, 1.0],
+            [np.nan, 2.0, 3.5, 0.0, 0.0, -1.0, 1.0],
+            [1.0, 2.0, 3.5, 0.0, np.nan, -1.0, 1.0],
+        ],
+        kind,
     )
-    assert refused(tmp_path, beams=BEAMS, cone_deg=1.01)
+    log = read(tmp_path, beams=beams, range_max=4.0, cone_deg=20.0)
+    assert log.sensor == {"range_max": 4.0, "cone_deg": 20.0}
+    assert log.skipped == {"scan.nan_pose": 1, "beam.nan_heading": 1}
+    assert [scan.ranges.tolist() for scan in log] == [[3.0, math.inf], [1.0]]
+    first, second = log
+    for scan, z in ((first, 3.0), (second, 3.5)):
+        assert isinstance(scan.map_from_sensor, Pose3)
+        np.testing.assert_array_equal(scan.map_from_sensor.rotation, np.eye(3))
+        np.testing.assert_array_equal(scan.map_from_sensor.translation, [1.0, 2.0, z])
+    want = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]])
+    np.testing.assert_allclose(first.directions, want, atol=1e-15, rtol=1e-7)
+    np.testing.assert_allclose(np.linalg.norm(first.directions, axis=1), 1.0, rtol=1e-15)
+
+
+def test_a_direction_that_is_none_is_named(tmp_path: Path) -> None:
+    beams = np.zeros((3, 7))
+    beams[:, 3] = 1.0
+    beams[0, 0] = np.nan
+    beams[2, 3:6] = [1.0, 1.0, 0.0]
+    assert refused(tmp_path, beams=beams) == (
+        "the direction of beam 2 has length 1.41421: dx, dy, dz must be a unit vector"
+    )
+
+
+def test_a_scan_of_space_at_two_positions_is_named(tmp_path: Path) -> None:
+    beams = np.zeros((2, 7))
+    beams[:, 3] = 1.0
+    beams[1, 2] = 0.5
+    message = refused(tmp_path, beams=beams, scan=np.array([3, 3]))
+    assert message.startswith("scan 3 has beams at two positions, (0, 0, 0) and (0, 0, 0.5): ")
 
 
 @pytest.mark.parametrize(
     ("arrays", "words"),
     [
         ({"points": BEAMS}, "no array `beams` in the NPZ file, found points: write beams (n, 4)"),
-        ({"beams": BEAMS[:, :3]}, "`beams` has shape (4, 3): it must be (n, 4)"),
+        ({"beams": BEAMS[:, :3]}, "`beams` has shape (4, 3): it must be beams (n, 4)"),
         ({"beams": BEAMS[0]}, "`beams` has shape (4,)"),
         ({"beams": np.zeros((0, 4))}, "`beams` has shape (0, 4)"),
         ({"beams": np.full((2, 4), "x")}, "`beams` holds <U1: it must hold real numbers"),
@@ -171,7 +216,7 @@ def test_cones_are_refused_for_now(tmp_path: Path) -> None:
         ({"beams": BEAMS, "range_max": np.nan}, "`range_max` is nan: it must be positive"),
         ({"beams": BEAMS, "range_max": np.inf}, "`range_max` is inf: it must be positive"),
         ({"beams": BEAMS, "p_random": 1.5}, "`p_random` is 1.5: it must be from 0 to 1"),
-        ({"beams": BEAMS, "cone_deg": -1.0}, "`cone_deg` is -1: it must be from 0 to 360"),
+        ({"beams": BEAMS, "cone_deg": -1.0}, "`cone_deg` is -1: it must be from 0 to 180"),
     ],
 )
 def test_bad_arrays_are_refused(tmp_path: Path, arrays: dict[str, Any], words: str) -> None:
@@ -211,17 +256,12 @@ def test_only_a_zip_of_arrays_is_an_npz() -> None:
 
 
 @pytest.mark.realdata
-def test_real_cones_are_refused_and_their_beams_are_sound(
-    data_folder: Path, tmp_path: Path
-) -> None:
+def test_real_cones(data_folder: Path) -> None:
     path = data_folder / "sonar_bench" / "E1_nominal_24x25deg_A_seed0.npz"
-    with pytest.raises(InputError, match="`cone_deg` is 25: cones are not supported yet"):
-        open_log(path)
-    with np.load(path) as file:
-        arrays = {key: file[key] for key in file.files if key != "cone_deg"}
-    log = read(tmp_path, **arrays)
+    log = open_log(path)
     assert len(log) == 9288 // 24
     assert {len(scan.ranges) for scan in log} == {24}
-    assert log.sensor == {"range_max": 4.0, "p_random": 0.03, "p_dropout": 0.03}
-    far = np.count_nonzero(arrays["beams"][:, 3] == 4.0)
+    assert log.sensor == {"range_max": 4.0, "cone_deg": 25.0, "p_random": 0.03, "p_dropout": 0.03}
+    with np.load(path) as file:
+        far = np.count_nonzero(file["beams"][:, 3] == 4.0)
     assert sum(int(np.isinf(scan.ranges).sum()) for scan in log) == far

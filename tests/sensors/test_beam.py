@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from oddsmap import BeamSensor, Pose2, Pose3, Scan
+from oddsmap import BeamSensor, Pose2, Pose3, Scan, build_map
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.sensors.beam import logit
 from tests.kit import fan_scan
@@ -105,6 +105,13 @@ sensors = st.builds(
     range_max=st.sampled_from([None, 4.0]),
     clear_range=st.sampled_from([None, 2.5, 4.0]),
     hit_width=st.sampled_from([0.0, 0.5]),
+    fade=st.sampled_from([0.0, 0.7]),
+) | st.builds(
+    BeamSensor,
+    range_max=st.sampled_from([None, 4.0]),
+    sigma=st.sampled_from([0.05, 0.3]),
+    spread=st.sampled_from([1.0, 3.0]),
+    fade=st.sampled_from([0.0, 0.7]),
 )
 reading = st.one_of(
     st.floats(-1.0, 9.0), st.sampled_from([INF, -INF, NAN, 0.0, 0.2, 0.3, 4.0, 81.83, 1e300])
@@ -129,6 +136,8 @@ def test_bit_for_bit(data: st.DataObject, sensor: BeamSensor, d: int, shared: bo
         scans.append(Scan(pose, directions, ranges))
     got, skipped = sensor.segments(scans)
     want = naive.segments(sensor, scans)
+    fades = naive.fades(sensor, scans)
+    assert [point.tobytes() for point in got.fades] == [point.tobytes() for point in fades]
     assert len(want) == len(got.ends) == len(got.tips) == len(got.hit) == got.offsets[-1]
     for k, (end, tip, hit) in enumerate(want):
         assert got.ends[k].tobytes() == end.tobytes()
@@ -190,6 +199,49 @@ def test_any_prior(prior: float, p_hit: float, p_miss: float, width: float) -> N
         assert (got[before] < base[before]).all()
 
 
+def test_the_inverse_model_of_fading_passes() -> None:
+    sensor = BeamSensor(fade=2.0, hit_width=1.0, p_hit=0.8, p_miss=0.2)
+    at = np.array([0.0, 1.0, 1.5, 2.5, 3.4, 3.5, 4.5, 4.6])
+    got = logit(sensor.inverse_model(at, 4.0)) / math.log(4.0)
+    # From 1.5 to 3.5, where the occupied region begins.
+    assert np.allclose(got, [-1.0, -1.0, -1.0, -0.5, -0.05, 1.0, 1.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        BeamSensor(),
+        BeamSensor(fade=1.3),
+        BeamSensor(fade=9.0),
+        BeamSensor(hit_width=0.9, fade=0.4),
+        BeamSensor(hit_width=0.9, share_hit=True),
+        BeamSensor(sigma=0.2),
+        BeamSensor(sigma=0.5, spread=2.0, fade=1.7),
+        BeamSensor(sigma=1.5, fade=1.0),
+    ],
+)
+def test_the_inverse_model_is_what_a_map_of_one_beam_says(sensor: BeamSensor) -> None:
+    """For cells of 0.25 m along the beam, from a sensor at the border of the first."""
+    scan = Scan(Pose2(0.0, 0.1, 0.0), np.array([[1.0, 0.0]]), np.array([3.1]))
+    for votes in ("scan", "beam"):
+        view = build_map([scan], 0.25, sensor=sensor, votes=votes).log_odds(prior=0.3)
+        got = view.probability(((0, 0), (40, 1)))[0]
+        want = sensor.inverse_model((np.arange(40) + 0.5) * 0.25, 3.1, 0.3, cell=0.25)
+        assert np.allclose(got, want, atol=1e-4)
+
+
+def test_a_share_of_a_hit_needs_the_size_of_a_cell() -> None:
+    with pytest.raises(ConfigError, match="give the side of a cell"):
+        BeamSensor(sigma=0.1).inverse_model(1.0, 2.0)
+
+
+def test_sigma_and_hit_width_exclude_each_other() -> None:
+    with pytest.raises(ConfigError, match=r"set one to 0, got 0\.1 and 0\.2"):
+        BeamSensor(sigma=0.1, hit_width=0.2)
+    assert BeamSensor(sigma=0.1).half_width == pytest.approx(0.3)
+    assert BeamSensor(hit_width=0.1).half_width == 0.05
+
+
 def test_shapes_of_the_inverse_model() -> None:
     sensor = BeamSensor()
     assert sensor.inverse_model(1.0, 2.0).shape == ()
@@ -204,8 +256,12 @@ def test_logit() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["range_min", "range_max", "clear_range", "hit_width", "p_hit", "p_miss"]
-)
+    "name",
+    [
+        "range_min", "range_max", "clear_range", "hit_width", "sigma", "spread", "fade", "p_hit",
+        "p_miss",
+    ],
+)  # fmt: skip
 @pytest.mark.parametrize("value", [NAN, INF, -INF, -0.1])
 def test_bounds(name: str, value: float) -> None:
     with pytest.raises(ConfigError, match=f"sensor.{name}"):
@@ -217,6 +273,7 @@ def test_bounds(name: str, value: float) -> None:
     [
         ("range_max", 0.0),
         ("clear_range", 0.0),
+        ("spread", 0.0),
         ("p_hit", 0.5),
         ("p_hit", 1.0),
         ("p_miss", 0.5),

@@ -17,6 +17,8 @@ from oddsmap.cli.export import HELP as EXPORT_HELP
 from oddsmap.cli.export import export
 from oddsmap.cli.info import HELP as INFO_HELP
 from oddsmap.cli.info import info
+from oddsmap.cli.landmarks import HELP as LANDMARKS_HELP
+from oddsmap.cli.landmarks import landmarks
 from oddsmap.errors import OddsmapError
 
 __all__ = ["app", "run"]
@@ -56,6 +58,7 @@ app = typer.Typer(
 app.command(help=BUILD_HELP)(_interruptible(build))
 app.command(help=EXPORT_HELP)(_interruptible(export))
 app.command(help=INFO_HELP)(_interruptible(info))
+app.command(help=LANDMARKS_HELP)(_interruptible(landmarks))
 app.command()(_interruptible(demo))
 
 

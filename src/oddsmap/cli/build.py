@@ -6,20 +6,34 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from oddsmap.cli.settings import (
+    SENSORS,
+    Layer,
+    doubts,
+    names_of,
+    read_camera,
+    read_extrinsics,
+    resolved,
+    sensor_name,
+    setting_layers,
+)
+from oddsmap.cli.summary import (
+    facts_of,
+    facts_of_full_map,
+    progress_of_logs,
+    progress_of_sweeps,
+    say,
+)
+
 if TYPE_CHECKING:
     from oddsmap.config import Config
-    from oddsmap.evidence import EvidenceMap
-    from oddsmap.poses import Pose3
+    from oddsmap.integrate import Report
     from oddsmap.scan import Log
-    from oddsmap.sensors.depth_camera import PinholeCamera
 
 __all__ = ["HELP", "build"]
 
@@ -29,6 +43,7 @@ HELP = """Map one or more logs: of the plane or of space, as their scans are.
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
   oddsmap build run.log --resolution 0.1 --range-max 30 --clear-range 10 -o run.zarr
   oddsmap build run.log --config lidar.toml --set sensor.hit_width=0.1 -o run.zarr --json
+  oddsmap build sonar.npz --resolution 0.1 --estimator full-map -o sonar.zarr
   oddsmap build clouds/ --poses poses.txt --resolution 0.1 --set sensor.mark_z_min=0.2 -o hall.zarr
 """
 
@@ -55,15 +70,20 @@ def build(
         int | None, typer.Option(metavar="N", min=1, help="Default: all cores. Changes no bit.")
     ] = None,
     sensor: Annotated[
-        str | None, typer.Option(metavar="NAME", help="lidar2d, lidar3d or depth: checked.")
+        str | None,
+        typer.Option(metavar="NAME", help="lidar2d, lidar3d, depth, sonar, tof or overhead."),
     ] = None,
     method: Annotated[
         Literal["rays", "projective"],
         typer.Option(help="How depth images clear; projective is faster and approximate."),
     ] = "rays",
     estimator: Annotated[
-        Literal["filter", "full-map"], typer.Option(help="full-map: not available yet.")
+        Literal["filter", "full-map"],
+        typer.Option(help="filter: cell by cell; full-map: all cells together, for wide beams."),
     ] = "filter",
+    sweeps: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="full-map: the most sweeps, 20.")
+    ] = None,
     poses: Annotated[
         Path | None, typer.Option(metavar="FILE", help="KITTI or TUM poses of a folder of scans.")
     ] = None,
@@ -99,21 +119,21 @@ def build(
     """Map one or more logs: see `HELP`."""
     from oddsmap.atomic import check_output
     from oddsmap.errors import ConfigError
-    from oddsmap.evidence import EvidenceMap
-    from oddsmap.integrate import Report, add_log
     from oddsmap.readers import open_log
 
-    if estimator != "filter":
-        raise ConfigError(f'--estimator {estimator}: not available, this version has "filter"')
     if sensor is not None and sensor not in SENSORS:
         raise ConfigError(f"--sensor {sensor}: not available, known are {', '.join(SENSORS)}")
+    if sweeps is not None and estimator != "full-map":
+        raise ConfigError("--sweeps belongs to --estimator full-map")
     check_output(output, force=force)
-    flags = {"map": {"resolution": resolution, "votes": votes}}
+    flags: Layer = {"map": {"resolution": resolution, "votes": votes}}
     flags["sensor"] = {"range_max": range_max, "clear_range": clear_range}
-    layers = _layers(config, flags, settings or [])
+    flags["full_map"] = {"sweeps": sweeps}
+    if sensor is not None:
+        flags["sensor"]["kind"] = SENSORS[sensor]
+    layers = setting_layers(config, flags, settings or [])
     if not any("resolution" in values.get("map", {}) for _, values in layers):
         raise typer.BadParameter("a map needs one, in metres", param_hint="--resolution")
-    _resolved(layers, {})  # a mistake in the settings shows before a long log is read
 
     started = time.perf_counter()
     opened = [
@@ -122,14 +142,16 @@ def build(
             poses=poses,
             times=times,
             tolerance_s=tolerance,
-            body_from_sensor=_extrinsics(extrinsics),
-            camera=_camera(intrinsics),
+            body_from_sensor=read_extrinsics(extrinsics),
+            camera=read_camera(intrinsics),
             skip_bad=skip_bad,
         )
         for path in logs
     ]
-    kinds = {_kind(log) for log in opened}
-    if len(kinds) > 1 or (sensor is not None and sensor not in kinds):
+    read_s = time.perf_counter() - started
+    configs = [resolved(layers, log) for log in opened]
+    kinds = {sensor_name(log, settled) for log, settled in zip(opened, configs, strict=True)}
+    if len(kinds) > 1 or (sensor is not None and sensor not in names_of(min(kinds))):
         raise ConfigError(
             f"{logs[0]}: the logs are of {' and '.join(sorted(kinds))}"
             + (f", --sensor says {sensor}" if sensor else ", one map takes one kind")
@@ -138,197 +160,102 @@ def build(
         raise ConfigError(
             f"{logs[0]}: --method projective is for depth images, the scans are {min(kinds)}"
         )
-    read_s = time.perf_counter() - started
+    make = _full_map if estimator == "full-map" else _evidence_map
+    facts, report = make(
+        opened, configs, output,
+        method=method, threads=threads or _cores(), quiet=as_json, force=force,
+    )  # fmt: skip
+    facts |= {"scans": report.scans, "beams": report.beams, "skipped": dict(report.skipped)}
+    facts |= {"read_s": round(read_s + report.read_s, 6), "threads": threads or _cores()}
+    facts |= {"integrate_s": round(report.integrate_s, 6), "compile_s": round(report.compile_s, 6)}
+    for log, settled in zip(opened, configs, strict=True):
+        for note in (*log.notes, *doubts(log, settled)):
+            typer.echo(f"{log.path}: {note}", err=as_json)
+    if as_json:
+        typer.echo(json.dumps(facts))
+    else:
+        say(facts)
 
-    configs = [_resolved(layers, log.sensor) for log in opened]
+
+def _evidence_map(
+    logs: list[Log],
+    configs: list[Config],
+    output: Path,
+    *,
+    method: str,
+    threads: int,
+    quiet: bool,
+    force: bool,
+) -> tuple[dict[str, Any], Report]:
+    """Map with the filter and save; returns what there is to say of it."""
+    from oddsmap.evidence import EvidenceMap
+    from oddsmap.forgetting import last_stamp
+    from oddsmap.integrate import Report, add_log
+
     first = configs[0]
+    t_ref_ns = first.map.t_ref_ns
+    if first.map.half_life is not None and t_ref_ns is None:
+        t_ref_ns = max(last_stamp(log) for log in logs)
     evidence = EvidenceMap(
         first.map.resolution,
         votes=first.map.votes,
+        half_life=first.map.half_life,
+        t_ref_ns=t_ref_ns,
+        path_lengths=first.map.path_lengths,
         sensor=first.sensor,
         posterior=first.posterior,
-        ndim=2 if kinds == {"lidar2d"} else 3,
+        ndim=3 if sensor_name(logs[0], first) in ("lidar3d", "depth", "tof") else 2,
     )
     total = Report()
-    workers = threads or _cores()
-    with _progress(sum(len(log) for log in opened), quiet=as_json) as advance:
-        for log, settled in zip(opened, configs, strict=True):
+    with progress_of_logs(sum(len(log) for log in logs), quiet=quiet) as advance:
+        for log, settled in zip(logs, configs, strict=True):
             report = add_log(
                 evidence,
                 log,
                 sensor=settled.sensor,
                 method=method,
-                threads=workers,
+                threads=threads,
                 progress=advance(log),
             )
             total.add(report.scans, report.beams, report.skipped)
             total.integrate_s += report.integrate_s
             total.compile_s += report.compile_s
-            read_s += report.read_s
+            total.read_s += report.read_s
     evidence.save(output, force=force)
-    facts = _facts(evidence, total.skipped, output)
-    facts |= {"scans": total.scans, "beams": total.beams, "read_s": round(read_s, 6)}
-    facts |= {"integrate_s": round(total.integrate_s, 6), "compile_s": round(total.compile_s, 6)}
-    facts |= {"threads": workers}
-    for log, settled in zip(opened, configs, strict=True):
-        for note in (*log.notes, *_doubts(log, settled)):
-            typer.echo(f"{log.path}: {note}", err=as_json)
-    if as_json:
-        typer.echo(json.dumps(facts))
-    else:
-        _say(facts)
+    return facts_of(evidence, output), total
+
+
+def _full_map(
+    logs: list[Log],
+    configs: list[Config],
+    output: Path,
+    *,
+    method: str,
+    threads: int,
+    quiet: bool,
+    force: bool,
+) -> tuple[dict[str, Any], Report]:
+    """Estimate the whole map and save; returns what there is to say of it."""
+    from oddsmap.errors import ConfigError
+    from oddsmap.posterior.full_map.estimator import FullMapEstimator
+
+    if method != "rays":
+        raise ConfigError(f"--method {method} belongs to --estimator filter")
+    if any(settled.sensor != configs[0].sensor for settled in configs):
+        raise ConfigError(
+            "the logs say different things of their sensor, a full map takes one: set what "
+            "differs with --config or --set, or map them one by one"
+        )
+    estimator = FullMapEstimator(configs[0], threads=threads)
+    for log in logs:
+        estimator.add_log(log)
+    with progress_of_sweeps(configs[0].full_map.sweeps, quiet=quiet) as advance:
+        full_map = estimator.estimate(advance)
+    full_map.save(output, force=force)
+    return facts_of_full_map(full_map, output), estimator.report
 
 
 def _cores() -> int:
     if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
-
-
-SENSORS = ("lidar2d", "lidar3d", "depth")
-
-
-def _kind(log: Log) -> str:
-    if hasattr(log, "depth_scans"):
-        return "depth"
-    first = next(iter(log), None)
-    return "lidar2d" if first is None or first.directions.shape[1] == 2 else "lidar3d"
-
-
-def _doubts(log: Log, settled: Config) -> list[str]:
-    """What a person should know of settings that do not fit the log."""
-    said, given = log.sensor.get("range_max"), settled.sensor.range_max
-    if said is None or given is None or given <= said:
-        return []
-    return [
-        f"range_max {given:g} is above the {said:g} m that this log writes where nothing was seen: "
-        "such readings now count as obstacles"
-    ]
-
-
-def _numbers(option: str, text: str, names: str) -> list[float]:
-    from oddsmap.errors import ConfigError
-
-    try:
-        numbers = [float(part) for part in text.replace(",", " ").split()]
-    except ValueError:
-        numbers = []
-    if len(numbers) != len(names.split()):
-        raise ConfigError(f'{option} "{text}": needs the numbers {names}')
-    return numbers
-
-
-def _extrinsics(text: str | None) -> Pose3 | None:
-    from oddsmap.poses import Pose3
-
-    if text is None:
-        return None
-    numbers = _numbers("--body-from-sensor", text, "x y z qx qy qz qw")
-    return Pose3.from_quaternion_xyzw(numbers[:3], numbers[3:])
-
-
-def _camera(text: str | None) -> PinholeCamera | None:
-    from oddsmap.sensors.depth_camera import PinholeCamera
-
-    if text is None:
-        return None
-    fx, fy, cx, cy, width, height = _numbers("--camera", text, "fx fy cx cy width height")
-    return PinholeCamera(fx, fy, cx, cy, int(width), int(height))
-
-
-Layers = list[tuple[str, dict[str, dict[str, Any]]]]
-
-
-def _layers(config: Path | None, flags: dict[str, dict[str, Any]], settings: list[str]) -> Layers:
-    # The strongest last: the file, the options by name, --set.
-    from oddsmap.config import parse_setting, read_toml
-
-    layers: Layers = []
-    if config is not None:
-        layers.append((str(config), read_toml(config)))
-    for section, fields in flags.items():
-        given = {name: value for name, value in fields.items() if value is not None}
-        layers.append(("options", {section: given}))
-    for text in settings:
-        section, name, value = parse_setting(text)
-        layers.append((f"--set {text}", {section: {name: value}}))
-    return layers
-
-
-def _resolved(layers: Layers, said: Any) -> Config:
-    from oddsmap.config import resolve
-    from oddsmap.integrate import SENSOR_SAYS
-
-    known = {name: said[name] for name in SENSOR_SAYS if name in said}
-    return resolve(("log", {"sensor": known}), *layers)
-
-
-@contextmanager
-def _progress(total: int, *, quiet: bool) -> Iterator[Callable[[Log], Callable[[int], None]]]:
-    """A bar on stderr; gives a function that makes the callback for one log."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    shown = not quiet and console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
-        # The first run compiles for some seconds before the first scan is done.
-        task = bar.add_task("getting ready (compiles once a machine)", total=total)
-        done_before = 0
-
-        def advance(log: Log) -> Callable[[int], None]:
-            nonlocal done_before
-            before, done_before = done_before, done_before + len(log)
-            return lambda done: bar.update(task, description="mapping", completed=before + done)
-
-        yield advance
-
-
-def _facts(evidence: EvidenceMap, skipped: Counter[str], output: Path) -> dict[str, Any]:
-    from oddsmap.kernels.tiles import ONE
-
-    _, hits, passes = evidence.cells()
-    known = len(hits)
-    return {
-        "output": str(output),
-        "resolution": evidence.resolution,
-        "votes": evidence.votes,
-        "hits": int(hits.sum()) / ONE,
-        "passes": int(passes.sum()) / ONE,
-        "cells_known": known,
-        "area_m2" if evidence.ndim == 2 else "volume_m3": round(
-            known * evidence.resolution**evidence.ndim, 3
-        ),
-        "skipped": dict(skipped),
-        "bytes_in_memory": evidence.nbytes,
-        "bytes_on_disk": sum(file.stat().st_size for file in output.rglob("*") if file.is_file()),
-    }
-
-
-def _say(facts: dict[str, Any]) -> None:
-    say = typer.echo
-    say(f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
-    for reason, count in sorted(facts["skipped"].items()):
-        say(f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
-    flat = "area_m2" in facts
-    seen = f"{facts['area_m2']:,.1f} square" if flat else f"{facts['volume_m3']:,.1f} cubic"
-    say(f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
-    say(
-        f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "
-        f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
-    )
-    output = facts["output"]
-    say(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
-    stem = Path(output).with_suffix("")
-    if flat:
-        say(f"next     oddsmap export {output} {stem}.png    (or {stem}.yaml for ROS)")
-    else:
-        say(f"next     oddsmap export {output} {stem}.ply    (or .bt; .png with --z-min, --z-max)")
-
-
-_WHY = {
-    "beam.no_return": " (cleared nothing: a fault looks the same; --clear-range M lets them clear)",
-    "beam.nan": " (no information)",
-    "beam.below_range_min": " (no information)",
-}

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 if TYPE_CHECKING:
-    from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.belief import Belief
+    from oddsmap.posterior.prior import MapLike
     from oddsmap.probability_map import ProbabilityMap, Thresholds
     from oddsmap.voxels import VoxelMap
 
@@ -22,6 +25,12 @@ HELP = """Write a map as a ROS map, a picture, arrays, an OctoMap or points: OUT
   oddsmap export intel.zarr intel.yaml --mode scale    the same with probabilities, as PNG
   oddsmap export intel.zarr intel.png                  a picture with axes in metres
   oddsmap export intel.zarr intel.npz --prior 0.2      cells, counts and probabilities
+  oddsmap export intel.zarr intel.png --prior old.yaml with an older map as the prior
+
+\b
+How often cells reflect beams (maps made with --votes beam), with credible intervals:
+  oddsmap export hall.zarr hall.png --posterior reflection
+  oddsmap export hall.zarr hall.png --posterior reflection --show interval-width --level 0.8
 
 \b
 Maps of space, MAP may be an OctoMap, too:
@@ -34,6 +43,8 @@ _SUFFIXES = (".yaml", ".yml", ".png", ".npz", ".bt", ".ot", ".ply")
 _OF_SPACE = (".bt", ".ot", ".ply")
 _OF_PLANE = (".yaml", ".yml", ".png")
 
+_Options = Mapping[str, Any]
+
 
 def export(
     source: Annotated[Path, typer.Argument(metavar="MAP")],
@@ -41,11 +52,20 @@ def export(
         Path, typer.Argument(metavar="OUT", help=".yaml, .png, .npz, .bt, .ot or .ply")
     ],
     mode: Annotated[
-        Literal["trinary", "scale", "raw"], typer.Option(help="How a ROS map writes probabilities.")
-    ] = "trinary",
-    posterior: Annotated[str, typer.Option(metavar="NAME", help="Which view.")] = "log-odds",
+        Literal["trinary", "scale", "raw"] | None,
+        typer.Option(
+            help="How a ROS map writes probabilities: trinary by default, scale for reflection."
+        ),
+    ] = None,
+    posterior: Annotated[
+        str, typer.Option(metavar="NAME", help="Which view: log-odds or reflection.")
+    ] = "log-odds",
     prior: Annotated[
-        str | None, typer.Option(metavar="P", help="p(occupied) before any reading.")
+        str | None,
+        typer.Option(
+            metavar="P|MAP",
+            help="p(occupied) before any reading: a number, or a map (.zarr, .yaml, .bt, .ot).",
+        ),
     ] = None,
     p_hit: Annotated[float | None, typer.Option(metavar="P", help="Belief in a hit.")] = None,
     p_miss: Annotated[float | None, typer.Option(metavar="P", help="Belief after a pass.")] = None,
@@ -56,32 +76,79 @@ def export(
         float | None, typer.Option(metavar="M", help="Space to plane: where heights end to count.")
     ] = None,
     ground: Annotated[
-        Literal["none", "relative"],
-        typer.Option(help="Heights above z = 0, or above a plane fitted to the ground."),
-    ] = "none",
+        Literal["none", "relative"] | None,
+        typer.Option(help="Heights above z = 0 (none), or above the ground found in the map."),
+    ] = None,
     clamp: Annotated[
         tuple[float, float] | None,
         typer.Option(metavar="P P", help="Bounds of p in an .ot; OctoMap's own: 0.1192 0.971."),
+    ] = None,
+    show: Annotated[
+        Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-above"] | None,
+        typer.Option(help="Reflection: what the picture shows; by default the mean."),
+    ] = None,
+    level: Annotated[
+        float | None, typer.Option(metavar="P", help="Reflection: mass of the interval, 0.95.")
+    ] = None,
+    interval: Annotated[
+        Literal["equal-tailed", "highest-density"] | None,
+        typer.Option(help="Reflection: which credible interval; by default equal-tailed."),
+    ] = None,
+    threshold: Annotated[
+        float | None, typer.Option(metavar="P", help="Reflection: the limit of p-above, 0.5.")
+    ] = None,
+    beta_a: Annotated[
+        float | None, typer.Option(metavar="N", help="Reflection: the prior's weight of hits, 1.")
+    ] = None,
+    beta_b: Annotated[
+        float | None, typer.Option(metavar="N", help="Reflection: its weight of passes, 1.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
 ) -> None:
     """Write a map as a ROS map, a picture, arrays, an OctoMap or points: see `HELP`."""
     from oddsmap.errors import ConfigError
 
-    if posterior != "log-odds":
-        raise ConfigError(f'--posterior {posterior}: not available, this version has "log-odds"')
+    given = {
+        name: value
+        for name, value in {
+            "mode": mode, "prior": prior, "p_hit": p_hit, "p_miss": p_miss, "z_min": z_min,
+            "z_max": z_max, "ground": ground, "clamp": clamp, "show": show, "level": level,
+            "interval": interval, "threshold": threshold, "beta_a": beta_a, "beta_b": beta_b,
+        }.items()
+        if value is not None
+    }  # fmt: skip
+    if posterior not in _POSTERIORS:
+        raise ConfigError(f"--posterior {posterior}: unknown, known: {', '.join(_POSTERIORS)}")
+    write, options = _POSTERIORS[posterior]
+    for name in given:
+        if name not in options:
+            owners = [view for view, (_, theirs) in _POSTERIORS.items() if name in theirs]
+            raise ConfigError(
+                f"{_flag(name)} belongs to --posterior {' or '.join(owners)}, not to {posterior}"
+            )
     suffix = output.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ConfigError(
             f"{output}: the suffix says what to write: .yaml (ROS map), .png (picture), .npz "
             f'(arrays), .bt or .ot (OctoMap), .ply (points); got "{output.suffix}"'
         )
+    if mode is not None and suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"--mode says how a ROS map is written, not {output.name}")
+    written = write(source, output, given, force)
+    typer.echo(f"wrote    {', '.join(str(path) for path in written)}")
+
+
+def _write_log_odds(source: Path, output: Path, given: _Options, force: bool) -> list[Path]:
+    from oddsmap.errors import ConfigError
+
+    suffix = output.suffix.lower()
+    clamp = given.get("clamp")
     if clamp is not None and suffix != ".ot":
         raise ConfigError(f"--clamp bounds the probabilities of an .ot, not of {output.name}")
-    if suffix not in _OF_PLANE and (z_min, z_max, ground) != (None, None, "none"):
+    heights = given.keys() & {"z_min", "z_max", "ground"}
+    if suffix not in _OF_PLANE and heights:
         raise ConfigError(f"--z-min, --z-max, --ground make a map of the plane, not {output.name}")
-    view = _open(source, prior=_number(prior), p_hit=p_hit, p_miss=p_miss)
-    written = [output]
+    view = _open(source, **{name: given.get(name) for name in ("prior", "p_hit", "p_miss")})
     if suffix == ".npz":
         _save_npz(view, output, force=force)
     elif suffix == ".ply":
@@ -89,7 +156,9 @@ def export(
     elif suffix in _OF_SPACE:
         view.save_octomap(output, clamp=clamp, force=force)
     else:
-        grid, thresholds = _plane(view, z_min, z_max, ground)
+        grid, thresholds = _plane(
+            view, given.get("z_min"), given.get("z_max"), given.get("ground", "none")
+        )
         if suffix == ".png":
             from oddsmap.plot.picture import save_png
 
@@ -97,36 +166,141 @@ def export(
         else:
             from oddsmap.export.ros import save_ros
 
-            written = list(save_ros(grid, output, mode=mode, thresholds=thresholds, force=force))
-    typer.echo(f"wrote    {', '.join(str(path) for path in written)}")
+            mode = given.get("mode", "trinary")
+            return list(save_ros(grid, output, mode=mode, thresholds=thresholds, force=force))
+    return [output]
+
+
+def _write_reflection(source: Path, output: Path, given: _Options, force: bool) -> list[Path]:
+    from oddsmap.errors import ConfigError
+    from oddsmap.export.octomap_reader import is_octomap
+    from oddsmap.posterior.full_map.store import is_full_map
+    from oddsmap.posterior.reflection import Reflection
+    from oddsmap.store import load_map
+
+    suffix = output.suffix.lower()
+    if suffix in _OF_SPACE:
+        raise ConfigError(f"{output}: a reflection map is written as .png, .npz or .yaml")
+    if "show" in given and suffix != ".png":
+        raise ConfigError(f"--show says what a .png shows, not {output.name}")
+    _check_uses(given, output)
+    if is_octomap(source) or is_full_map(source):
+        raise ConfigError(f"{source}: a reflection map needs hits and passes, this map has none")
+    names = {
+        "beta_a": "a", "beta_b": "b", "threshold": "threshold", "level": "level", "interval": "kind"
+    }  # fmt: skip
+    arguments = {names[name]: value for name, value in given.items() if name in names}
+    grid = load_map(source)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        view = Reflection(grid, **arguments)
+    for warning in caught:
+        typer.echo(f"oddsmap: warning: {warning.message}", err=True)
+    if suffix == ".npz":
+        view.save_npz(output, force=force)
+    elif suffix == ".png":
+        view.save_png(output, show=given.get("show", "mean"), force=force)
+    else:
+        return list(view.save_ros(output, mode=given.get("mode", "scale"), force=force))
+    return [output]
+
+
+def _check_uses(given: _Options, output: Path) -> None:
+    """Refuse an option of the reflection view that would change nothing in this output."""
+    from oddsmap.errors import ConfigError
+
+    suffix, show = output.suffix.lower(), given.get("show", "mean")
+    interval = suffix == ".npz" or (
+        suffix == ".png" and show in ("interval-width", "lower", "upper")
+    )
+    for name, used, where in (
+        ("level", interval, ".npz and --show interval-width, lower or upper"),
+        ("interval", interval, ".npz and --show interval-width, lower or upper"),
+        ("threshold", suffix == ".png" and show == "p-above", "--show p-above"),
+    ):
+        if name in given and not used:
+            raise ConfigError(f"{_flag(name)} changes {where} alone, not {output.name}")
+
+
+_Writer = Callable[[Path, Path, _Options, bool], list[Path]]
+
+# Each view: what writes it, and the options that it knows.
+_POSTERIORS: dict[str, tuple[_Writer, frozenset[str]]] = {
+    "log-odds": (
+        _write_log_odds,
+        frozenset({"mode", "prior", "p_hit", "p_miss", "z_min", "z_max", "ground", "clamp"}),
+    ),
+    "reflection": (
+        _write_reflection,
+        frozenset({"mode", "show", "level", "interval", "threshold", "beta_a", "beta_b"}),
+    ),
+}
+
+
+def _flag(name: str) -> str:
+    return "--" + name.replace("_", "-")
 
 
 def _open(
-    source: Path, *, prior: float | None, p_hit: float | None, p_miss: float | None
-) -> LogOdds | VoxelMap:
+    source: Path, *, prior: str | None, p_hit: float | None, p_miss: float | None
+) -> Belief | VoxelMap:
     from oddsmap.errors import ConfigError
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
+    from oddsmap.posterior.full_map.store import is_full_map, load_full_map
     from oddsmap.store import load_map
 
-    if not is_octomap(source):
-        return load_map(source).log_odds(p_hit=p_hit, p_miss=p_miss, prior=prior)
-    if (prior, p_hit, p_miss) != (None, None, None):
+    kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
+    if kind is not None and (prior, p_hit, p_miss) != (None, None, None):
         raise ConfigError(
-            f"{source}: an OctoMap has no counts; --prior, --p-hit and --p-miss need those"
+            f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those"
         )
-    return load_octomap(source)
+    if kind is not None:
+        return load_octomap(source) if is_octomap(source) else load_full_map(source)
+    grid = load_map(source)
+    belief = None if prior is None else _prior(prior, source)
+    return grid.log_odds(p_hit=p_hit, p_miss=p_miss, prior=belief)
+
+
+def _prior(text: str, source: Path) -> float | MapLike:
+    """What --prior says: a number, or the map in a file."""
+    from oddsmap.errors import ConfigError
+    from oddsmap.export.octomap_reader import is_octomap, load_octomap
+    from oddsmap.export.ros_reader import load_ros
+    from oddsmap.store import is_map, load_map
+
+    try:
+        return float(text)
+    except ValueError:
+        path = Path(text)
+    if not path.exists():
+        raise ConfigError(
+            f"--prior {text}: neither a number nor a file; give a probability between 0 and 1, "
+            "or a map (.zarr, .yaml of a ROS map, .bt or .ot)"
+        )
+    if path.resolve() == source.resolve():
+        raise ConfigError(f"--prior {text}: the map itself; its evidence would count twice")
+    if is_map(path):
+        return load_map(path)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return load_ros(path)
+    if is_octomap(path):
+        return load_octomap(path)
+    raise ConfigError(
+        f"--prior {text}: not a map that can be a prior; known: a saved map (.zarr), the .yaml of "
+        "a ROS map, an OctoMap (.bt, .ot)"
+    )
 
 
 def _plane(
-    view: LogOdds | VoxelMap, z_min: float | None, z_max: float | None, ground: str
+    view: Belief | VoxelMap, z_min: float | None, z_max: float | None, ground: str
 ) -> tuple[ProbabilityMap, Thresholds | None]:
     from oddsmap.errors import ConfigError
-    from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.belief import Belief
     from oddsmap.projection import project
 
     banded = z_min is not None or z_max is not None
-    thresholds = view.thresholds if isinstance(view, LogOdds) else None
-    if isinstance(view, LogOdds) and view.evidence.ndim == 2:
+    thresholds = view.thresholds if isinstance(view, Belief) else None
+    if isinstance(view, Belief) and view.ndim == 2:
         if banded or ground != "none":
             raise ConfigError(
                 "--z-min, --z-max and --ground need a map of space, this one is of the plane"
@@ -143,23 +317,10 @@ def _plane(
     return grid, thresholds
 
 
-def _save_npz(view: LogOdds | VoxelMap, output: Path, *, force: bool) -> None:
+def _save_npz(view: Belief | VoxelMap, output: Path, *, force: bool) -> None:
     from oddsmap.errors import ConfigError
-    from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.belief import Belief
 
-    if not isinstance(view, LogOdds):
+    if not isinstance(view, Belief):
         raise ConfigError(f"{output}: the arrays list hits and passes, an OctoMap has none")
     view.save_npz(output, force=force)
-
-
-def _number(prior: str | None) -> float | None:
-    from oddsmap.errors import ConfigError
-
-    if prior is None:
-        return None
-    try:
-        return float(prior)
-    except ValueError:
-        raise ConfigError(
-            f"--prior {prior}: a probability is needed; a map as the prior is not available yet"
-        ) from None

@@ -11,6 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from oddsmap.evidence import EvidenceMap
+    from oddsmap.posterior.full_map.view import FullMap
     from oddsmap.scan import Log
     from oddsmap.voxels import VoxelMap
 
@@ -39,12 +40,15 @@ def info(
 ) -> None:
     """Say what is in a log or in a map: see `HELP`."""
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
+    from oddsmap.posterior.full_map.store import is_full_map, load_full_map
     from oddsmap.store import is_map
 
     if is_map(path):
         from oddsmap.store import load_map
 
         facts = _of_map(load_map(path), path)
+    elif is_full_map(path):
+        facts = _of_full_map(load_full_map(path), path)
     elif is_octomap(path):
         facts = _of_octomap(load_octomap(path), path)
     else:
@@ -84,7 +88,7 @@ def _of_log(log: Log) -> dict[str, Any]:
 
     positions = np.array([scan.map_from_sensor.translation for scan in log])
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    beams = [len(scan.ranges) for scan in log]
+    beams = [scan.size for scan in log]
     facts: dict[str, Any] = {
         "log": log.path,
         "format": log.format,
@@ -118,11 +122,32 @@ def _of_map(evidence: EvidenceMap, path: Path) -> dict[str, Any]:
         "config": evidence.config.to_dict(),
         "made from": evidence.provenance,
     }
-    bounds = evidence.bounds()
-    for axis, name in enumerate("xyz"[: evidence.ndim] if bounds is not None else ""):
-        assert bounds is not None
-        facts[f"{name} [m]"] = [float(end[axis]) * evidence.resolution for end in bounds]
-    return facts
+    return facts | _extent(evidence)
+
+
+def _of_full_map(full_map: FullMap, path: Path) -> dict[str, Any]:
+    facts: dict[str, Any] = {
+        "map": str(path),
+        "estimator": "full-map",
+        "resolution": full_map.resolution,
+        "cells known": full_map.cell_count,
+        "sweeps": full_map.sweeps,
+        "residual": full_map.residual,
+        "converged": full_map.converged,
+        "config": full_map.config.to_dict(),
+        "made from": full_map.provenance,
+    }
+    return facts | _extent(full_map)
+
+
+def _extent(grid: EvidenceMap | FullMap) -> dict[str, list[float]]:
+    bounds = grid.bounds()
+    if bounds is None:
+        return {}
+    return {
+        f"{name} [m]": [float(end[axis]) * grid.resolution for end in bounds]
+        for axis, name in enumerate("xyz"[: grid.ndim])
+    }
 
 
 def _of_octomap(voxels: VoxelMap, path: Path) -> dict[str, Any]:

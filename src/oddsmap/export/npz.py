@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +26,7 @@ def save_npz(
     probability: npt.NDArray[np.floating],
     observed: npt.NDArray[np.bool_],
     resolution: float,
+    extra: Mapping[str, npt.NDArray[np.floating]] | None = None,
     force: bool = False,
 ) -> Path:
     """Write one row a cell to a compressed `.npz`, under the names of the arguments.
@@ -39,6 +42,7 @@ def save_npz(
         probability: p(occupied) in [0, 1], shape (n,); stored as float32.
         observed: True where there was evidence, shape (n,); stored as bool.
         resolution: side of a cell [m]; stored as float64, shape ().
+        extra: more columns of a posterior by name, shape (n,); stored as float32.
         force: True where an existing file may be replaced.
 
     Returns:
@@ -73,6 +77,10 @@ def save_npz(
         "probability": p,
         "observed": seen,
     }
+    more: dict[str, Any] = {
+        name: np.asarray(values, np.float32) for name, values in (extra or {}).items()
+    }
+    columns.update(more)
     for name, values in columns.items():
         if values.shape != (len(index),):
             raise InputError(
@@ -95,5 +103,6 @@ def save_npz(
             probability=p,
             observed=seen,
             resolution=np.float64(resolution),
+            **more,
         )
     return path

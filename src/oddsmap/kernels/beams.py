@@ -36,6 +36,8 @@ class ScanCells(NamedTuple):
     """Where the free part of each segment ends, shape (m, d): its cell gets no pass."""
     tips: FloatArray
     """Where the occupied part ends, shape (m, d); equal to `ends` for one occupied cell."""
+    fades: FloatArray
+    """Where passes begin to fade, shape (m, d); equal to `ends` where they do not."""
     hit: npt.NDArray[np.bool_]
     """False where nothing was seen and the segment only clears, shape (m,)."""
     tiles_lo: IntArray
@@ -54,10 +56,12 @@ def cut_beams(
     rotations: FloatArray,
     limits: tuple[float, float, float, float],
     half_width: float,
+    fade: float,
     heights: tuple[float, float],
     body: FloatArray,
     ends: FloatArray,
     tips: FloatArray,
+    fades: FloatArray,
     hit: npt.NDArray[np.bool_],
     offsets: npt.NDArray[np.int64],
     skipped: npt.NDArray[np.int64],
@@ -74,11 +78,13 @@ def cut_beams(
         limits: range_min, range_max (inf where unknown), how far +Inf clears, how far a finite
             no-return clears (NaN: not at all).
         half_width: half the length of the occupied region [m].
+        fade: the way before that region over which passes fade [m].
         heights: least and most z in the map frame at which a return marks [m]; in space only.
         body: least and most corner of the robot's body in the sensor frame [m], shape (2, 3): a
             return in this box does not mark; in space only.
         ends: where the free part ends, shape (n, d), the first offsets[-1] rows are filled.
         tips: where the occupied part ends; may be `ends` itself where half_width is 0.
+        fades: where passes begin to fade; may be `ends` itself where fade is 0.
         hit: False where the beam only clears, shape (n,).
         offsets: first usable beam of each scan and the end, shape (scans + 1,).
         skipped: counts by NAN, BELOW, LOST, HEIGHT, BODY, added to.
@@ -129,6 +135,11 @@ def cut_beams(
             ends[used, 0], ends[used, 1] = ox + rx * near, oy + ry * near
             if space:
                 ends[used, 2] = oz + rz * near
+            if fade > 0.0:
+                begin = max(near - fade, 0.0) if seen else near
+                fades[used, 0], fades[used, 1] = ox + rx * begin, oy + ry * begin
+                if space:
+                    fades[used, 2] = oz + rz * begin
             if half_width > 0.0:
                 far = reach + half
                 tips[used, 0], tips[used, 1] = ox + rx * far, oy + ry * far

@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import kernel
 from oddsmap.kernels.rays3d import emit_ray, ray_axis
-from oddsmap.kernels.tiles import HITS, ONE, PASSES, TileArrays, add_units, find_or_insert
-from oddsmap.kernels.zone import zone_cells
+from oddsmap.kernels.tiles import HITS, ONE, PASSES
+from oddsmap.kernels.zone import BeamShape, fade_cells, zone_cells
 
-__all__ = ["apply_counts", "count_scan"]
+__all__ = ["count_scan"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -24,6 +24,7 @@ IntArray = npt.NDArray[np.int64]
 @kernel
 def count_scan(
     origin: FloatArray,
+    fades: FloatArray,
     ends: FloatArray,
     tips: FloatArray,
     hit: npt.NDArray[np.bool_],
@@ -31,12 +32,13 @@ def count_scan(
     bits: int,
     blocks: IntArray,
     every_beam: bool,
-    share: bool,
+    shape: BeamShape,
     buffer: npt.NDArray[np.signedinteger],
     table: npt.NDArray[np.int32],
     used: IntArray,
     weights: IntArray,
     zone: IntArray,
+    zone_left: FloatArray,
     zone_weights: IntArray,
     first: int,
 ) -> int:
@@ -44,19 +46,22 @@ def count_scan(
 
     Args:
         origin: start point [cells], shape (3,).
-        ends: where the free part of each ray ends [cells], shape (n, 3).
+        fades: where the passes of each ray begin to fade [cells], shape (n, 3).
+        ends: where its free part ends, shape (n, 3).
         tips: where its occupied part ends, shape (n, 3).
         hit: False where a ray only clears, shape (n,).
         lo: first cell of the window, a multiple of the block's side.
         bits: log2 of the side of a block.
         blocks: strides of the window's blocks: 1, blocks along x, blocks along x and y.
         every_beam: True: weights add up; False: a cell keeps the largest.
-        share: True: the cells of an occupied part share one hit by length.
+        shape: how a ray votes around its return.
         buffer: room for one ray, shape (3, slabs + 9).
         table: zeros, one for each block of the window.
         used: used[0] is how many blocks were touched; then their places in the table.
         weights: zeros, shape (2, cells of all blocks), block 0 unused.
-        zone: room for the cells of one occupied part, shape (enough, 3).
+        zone: room for the cells of one ray's occupied part, or of its fading one, shape
+            (enough, 3).
+        zone_left: room for where they are left, shape (enough,).
         zone_weights: room for their weights, shape (enough,).
         first: ray to go on with.
 
@@ -65,14 +70,13 @@ def count_scan(
     """
     shift = np.uint64(3 * bits)
     within = (np.uint64(1) << shift) - np.uint64(1)
-    mask = (1 << bits) - 1
     codes = np.empty(3, np.uint64)
     room = used.shape[0] - 1
     for i in range(first, ends.shape[0]):
-        if used[0] + 3 * buffer.shape[1] + zone.shape[0] > room:
+        if used[0] + 3 * buffer.shape[1] + 2 * zone.shape[0] > room:
             return i
-        axis = ray_axis(ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2])
-        slabs = emit_ray(origin, ends, i, lo, axis, 0, bits, blocks, buffer)
+        axis = ray_axis(fades[i, 0] - origin[0], fades[i, 1] - origin[1], fades[i, 2] - origin[2])
+        slabs = emit_ray(origin, fades, i, lo, axis, 0, bits, blocks, buffer)
         for k in range(slabs):
             # The three cells of a slab may be one or two: each counts once.
             codes[0], codes[1], codes[2] = buffer[0, k], buffer[1, k], buffer[2, k]
@@ -89,57 +93,49 @@ def count_scan(
                     used[slot] = np.int64(block)
                 at = (slot << shift) + (code & within)
                 weights[PASSES, at] = weights[PASSES, at] + ONE if every_beam else ONE
-        if not hit[i]:
-            continue
-        for k in range(zone_cells(ends, tips, i, share, zone, zone_weights)):
-            block, place = np.uint64(0), np.uint64(0)
-            for axis in range(3):
-                cell = zone[k, axis] - lo[axis]
-                block += np.uint64((cell >> bits) * blocks[axis])
-                place += np.uint64((cell & mask) << (bits * axis))
-            slot = np.uint64(table[block])
-            if slot == 0:
-                used[0] += 1
-                slot = np.uint64(used[0])
-                table[block] = np.int32(slot)
-                used[slot] = np.int64(block)
-            at = (slot << shift) + place
-            before = weights[HITS, at]
-            weight = zone_weights[k]
-            weights[HITS, at] = before + weight if every_beam else max(before, weight)
+        if shape.fade > 0.0:
+            count = fade_cells(origin, fades, ends, i, shape.fade, zone, zone_left, zone_weights)
+            _add_cells(
+                zone, zone_weights, count, PASSES, lo, bits, blocks, every_beam,
+                table, used, weights,
+            )  # fmt: skip
+        if hit[i]:
+            count = zone_cells(ends, tips, i, shape, zone, zone_left, zone_weights)
+            _add_cells(
+                zone, zone_weights, count, HITS, lo, bits, blocks, every_beam,
+                table, used, weights,
+            )  # fmt: skip
     return -1
 
 
 @kernel
-def apply_counts(
-    tiles: TileArrays,
-    first_tile: IntArray,
-    across: int,
-    up: int,
+def _add_cells(
+    zone: IntArray,
+    zone_weights: IntArray,
+    count: int,
+    channel: int,
+    lo: IntArray,
+    bits: int,
+    blocks: IntArray,
     every_beam: bool,
     table: npt.NDArray[np.int32],
     used: IntArray,
     weights: IntArray,
-) -> bool:
-    """Add weights to tiles and zero them; False where a cell passed MAX_UNITS.
-
-    Arguments as in `integrate3d.apply_marks`; hits go before passes unless `every_beam`.
-    """
-    key = np.empty(3, np.int64)
-    cells = tiles.narrow.shape[2]
-    fits = True
-    for slot in range(1, used[0] + 1):
-        block = used[slot]
-        key[0] = first_tile[0] + block % across
-        key[1] = first_tile[1] + block // across % up
-        key[2] = first_tile[2] + block // (across * up)
-        part = weights[:, slot * cells : (slot + 1) * cells]
-        if not every_beam:
-            for k in range(cells):
-                if part[HITS, k] > 0:
-                    part[PASSES, k] = 0
-        fits &= add_units(tiles, find_or_insert(tiles, key), part[HITS], part[PASSES])
-        part[:] = 0
-        table[block] = 0
-    used[0] = 0
-    return fits
+) -> None:
+    mask = (1 << bits) - 1
+    for k in range(count):
+        block, place = np.uint64(0), np.uint64(0)
+        for axis in range(3):
+            cell = zone[k, axis] - lo[axis]
+            block += np.uint64((cell >> bits) * blocks[axis])
+            place += np.uint64((cell & mask) << (bits * axis))
+        slot = np.uint64(table[block])
+        if slot == 0:
+            used[0] += 1
+            slot = np.uint64(used[0])
+            table[block] = np.int32(slot)
+            used[slot] = np.int64(block)
+        at = (slot << np.uint64(3 * bits)) + place
+        before = weights[channel, at]
+        weight = zone_weights[k]
+        weights[channel, at] = before + weight if every_beam else max(before, weight)

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.beams import ScanCells
+from oddsmap.kernels.forgetting import scale_units
 from oddsmap.kernels.jit import kernel
 from oddsmap.kernels.segments import emit_passes, saturated_slabs, set_up
 from oddsmap.kernels.tiles import (
@@ -26,7 +27,7 @@ from oddsmap.kernels.tiles import (
     has_room,
     make_room_for_vote,
 )
-from oddsmap.kernels.zone import zone_cells
+from oddsmap.kernels.zone import BeamShape, fade_cells, zone_cells
 
 __all__ = ["DONE", "FULL", "OVERFLOW", "count_votes", "mark_votes"]
 
@@ -45,7 +46,7 @@ def _describe(scans: ScanCells, scan: int, table: npt.NDArray[np.int64]) -> None
     ox, oy = scans.origins[scan]
     first = scans.offsets[scan]
     for i in range(first, scans.offsets[scan + 1]):
-        set_up(ox, oy, scans.ends[i, 0], scans.ends[i, 1], table, i - first)
+        set_up(ox, oy, scans.fades[i, 0], scans.fades[i, 1], table, i - first)
 
 
 @kernel
@@ -219,11 +220,14 @@ def count_votes(
     table: npt.NDArray[np.int64],
     buffer: npt.NDArray[np.int32],
     every_beam: bool,
-    share: bool,
+    shape: BeamShape,
+    scale: int,
     cells: npt.NDArray[np.int64],
+    left: npt.NDArray[np.float64],
     weights: npt.NDArray[np.int64],
+    lost: npt.NDArray[np.int64],
 ) -> tuple[int, int]:
-    """Votes that add up (`every_beam`), or hits with a width; in units of 1/65536 vote.
+    """Votes that add up (`every_beam`), fade, or weigh less; in units of 1/65536 vote.
 
     Args:
         tiles: the tile store, changed in place.
@@ -236,10 +240,13 @@ def count_votes(
         buffer: room for one segment's slabs, shape (2, borders it crosses + 1).
         every_beam: True: the weights of a scan's beams add up. False: a cell gets the largest hit
             weight of the scan, and only if that is 0 the largest pass weight.
-        share: True: the cells of one beam's occupied part share one hit by length; False: each
-            gets a whole one.
-        cells: room for the cells of one occupied part, shape (enough, 2).
+        shape: how a beam votes around its return.
+        scale: what the scans' votes weigh [1/65536], see `scale_units`.
+        cells: room for the cells of one beam's occupied part, or of its fading one, shape
+            (enough, 2).
+        left: room for where they are left, shape (enough,).
         weights: room for their weights, shape (enough,).
+        lost: lost[0] grows by the weights above 0 that the scale has made 0.
 
     Returns:
         The scan to go on with, and DONE, FULL or OVERFLOW.
@@ -260,14 +267,26 @@ def count_votes(
                 for i in range(begin, end):
                     slabs = emit_passes(table, i - begin, 0, box, clipped, stride, buffer)
                     _count_passes(window[PASSES], buffer, slabs, every_beam)
+                    if shape.fade > 0.0:
+                        count = fade_cells(
+                            scans.origins[scan], scans.fades, scans.ends, i, shape.fade,
+                            cells, left, weights,
+                        )  # fmt: skip
+                        _count_cells(
+                            scans.origins[scan], cells, weights, count, box, stride,
+                            window[PASSES], every_beam,
+                        )  # fmt: skip
                     if scans.hit[i]:
-                        _count_hits(
-                            scans, scan, i, box, stride, window[HITS],
-                            every_beam, share, cells, weights,
+                        count = zone_cells(scans.ends, scans.tips, i, shape, cells, left, weights)
+                        _count_cells(
+                            scans.origins[scan], cells, weights, count, box, stride,
+                            window[HITS], every_beam,
                         )  # fmt: skip
                 key[0] = scans.tiles_lo[scan, 0] + block_x * block_tiles
                 key[1] = scans.tiles_lo[scan, 1] + block_y * block_tiles
-                if not _apply_counts(tiles, side, window, stride, box, key, every_beam):
+                if not _apply_counts(
+                    tiles, side, window, stride, box, key, every_beam, scale, lost
+                ):
                     return scan, OVERFLOW
     return scans.origins.shape[0], DONE
 
@@ -288,21 +307,19 @@ def _count_passes(
 
 
 @kernel
-def _count_hits(
-    scans: ScanCells,
-    scan: int,
-    i: int,
+def _count_cells(
+    origin: npt.NDArray[np.float64],
+    cells: npt.NDArray[np.int64],
+    weights: npt.NDArray[np.int64],
+    count: int,
     box: npt.NDArray[np.int64],
     stride: int,
     window: npt.NDArray[np.int64],
     every_beam: bool,
-    share: bool,
-    cells: npt.NDArray[np.int64],
-    weights: npt.NDArray[np.int64],
 ) -> None:
-    x_cell = np.int64(math.floor(scans.origins[scan, 0]))
-    y_cell = np.int64(math.floor(scans.origins[scan, 1]))
-    for k in range(zone_cells(scans.ends, scans.tips, i, share, cells, weights)):
+    x_cell = np.int64(math.floor(origin[0]))
+    y_cell = np.int64(math.floor(origin[1]))
+    for k in range(count):
         x, y = cells[k, 0] - x_cell, cells[k, 1] - y_cell
         if box[0] <= x < box[1] and box[2] <= y < box[3]:
             at = (y - box[2] + 1) * stride + x - box[0] + 1
@@ -318,6 +335,8 @@ def _apply_counts(
     box: npt.NDArray[np.int64],
     key: npt.NDArray[np.int64],
     every_beam: bool,
+    scale: int,
+    lost: npt.NDArray[np.int64],
 ) -> bool:
     """Add the window's weights to the tiles, the first of which is at `key`, and zero it."""
     fits = True
@@ -340,7 +359,8 @@ def _apply_counts(
                     seen |= hit | free
                     window[HITS, at] = 0
                     window[PASSES, at] = 0
-            if seen != 0:
+            lost[0] += scale_units(hits, scale) + scale_units(passes, scale)
+            if seen != 0 and (hits.any() or passes.any()):
                 key[0], key[1] = x_tile + tile_x, y_tile + tile_y
                 fits &= add_units(tiles, find_or_insert(tiles, key), hits, passes)
     _clear_margin(window[HITS], stride, box[3] - box[2])

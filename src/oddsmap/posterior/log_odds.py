@@ -11,7 +11,8 @@ the sum needs no recursion:
     l = logit(prior) + l_occ * hits - l_free * passes,
 
 l_occ = logit(p_hit), l_free = -logit(p_miss), with p_hit and p_miss the inverse sensor model at
-prior 1/2. Sensor model and prior can be changed after mapping.
+prior 1/2. Sensor model and prior can be changed after mapping. The prior is one number, or a map
+of its own: a cell without evidence has a sum of exactly zero, and so keeps its prior to the bit.
 
 Source: Thrun, Burgard, Fox: Probabilistic Robotics (2005), table 9.1 and equation 9.7.
 """
@@ -25,36 +26,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import ConfigError
 from oddsmap.evidence import EvidenceMap
 from oddsmap.kernels.tiles import ONE
-from oddsmap.probability_map import ProbabilityMap, Thresholds
+from oddsmap.posterior.belief import Belief, Region
+from oddsmap.posterior.lookup import units_at
+from oddsmap.posterior.prior import PriorMap
+from oddsmap.probability_map import Thresholds
 from oddsmap.sensors.beam import logit
 
 if TYPE_CHECKING:
-    import xarray
+    from oddsmap.posterior.prior import MapLike
 
-    from oddsmap.export.ros_reader import RosMode
-    from oddsmap.voxels import VoxelMap
-
-__all__ = ["LogOdds", "sigmoid"]
+__all__ = ["LogOdds"]
 
 FloatArray = npt.NDArray[np.float64]
-Region = tuple[npt.ArrayLike, npt.ArrayLike]
+IntArray = npt.NDArray[np.int64]
 
 
-def sigmoid(log_odds: npt.ArrayLike) -> FloatArray:
-    """Probability of log odds: 1 / (1 + exp(-l)), without overflow."""
-    x = np.asarray(log_odds, dtype=np.float64)
-    small = np.exp(-np.abs(x))
-    return np.where(x >= 0, 1.0, small) / (1.0 + small)
-
-
-class LogOdds:
+class LogOdds(Belief):
     """p(m | z_1:t) of each cell, cells independent of each other.
 
-    Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
-    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in space.
+    Regions as in `Belief`; known cells are those with evidence.
 
     Args:
         evidence: the map; what is added to it later shows in the view.
@@ -62,11 +55,21 @@ class LogOdds:
     Other Args:
         p_hit: p(x | z) of a hit at prior 1/2; default: the map's sensor model.
         p_miss: p(x | z) of a pass at prior 1/2; likewise.
-        prior: p(x) of every cell; default: the map's configuration.
+        prior: p(x) of every cell, or a map of it (`ProbabilityMap`, another map or view,
+            `VoxelMap`, `PriorArray`: see `oddsmap.posterior.prior.PriorMap`), the cells that it
+            does not know having the configuration's; default: the map's configuration.
         thresholds: from which probability a cell is free or occupied; likewise.
+        clamp: lowest and highest probability of this view, None: as they are. It bounds the sum
+            of all evidence. That is not what a filter does that clamps after each update: its
+            result depends on the order of the readings, this one does not.
+
+    Attributes:
+        prior: p(x) of cells that no prior map knows.
+        prior_map: the prior map; None where all cells have `prior`.
 
     Raises:
         ConfigError: a probability is outside its range.
+        InputError: the prior map does not fit.
     """
 
     def __init__(
@@ -75,13 +78,16 @@ class LogOdds:
         *,
         p_hit: float | None = None,
         p_miss: float | None = None,
-        prior: float | None = None,
+        prior: float | MapLike | None = None,
         thresholds: Thresholds | None = None,
+        clamp: tuple[float, float] | None = None,
     ) -> None:
         self.evidence = evidence
         self.p_hit = evidence.sensor.p_hit if p_hit is None else p_hit
         self.p_miss = evidence.sensor.p_miss if p_miss is None else p_miss
-        self.prior = evidence.config.posterior.prior if prior is None else prior
+        self.prior = evidence.config.posterior.prior
+        if isinstance(prior, int | float | np.number):
+            self.prior, prior = float(prior), None
         self.thresholds = thresholds or evidence.config.posterior.thresholds
         for name in ("p_hit", "p_miss", "prior"):
             value = getattr(self, name)
@@ -92,116 +98,86 @@ class LogOdds:
                 f"a hit must speak for and a pass against a cell: p_miss < 0.5 < p_hit, "
                 f"got p_miss {self.p_miss} and p_hit {self.p_hit}"
             )
+        if clamp is not None and not 0.0 < clamp[0] < clamp[1] < 1.0:
+            raise ConfigError(
+                f"clamp needs probabilities 0 < low < high < 1, got {clamp[0]} and {clamp[1]}"
+            )
+        self.clamp = clamp
+        self.prior_map = None if prior is None else PriorMap(prior, evidence, self.prior)
 
-    def of_votes(self, hits: npt.ArrayLike, passes: npt.ArrayLike) -> FloatArray:
-        """Log odds of given weights of hits and passes [votes]."""
+    @property
+    def ndim(self) -> int:
+        """2 for a map of the plane, 3 for a map of space."""
+        return self.evidence.ndim
+
+    @property
+    def resolution(self) -> float:
+        """Side of a cell [m]."""
+        return self.evidence.resolution
+
+    def increment(self, hits: npt.ArrayLike, passes: npt.ArrayLike) -> FloatArray:
+        """What weights of hits and passes [votes] add to the prior's log odds; 0 for none."""
         gain = float(logit(self.p_hit)) * np.asarray(hits, np.float64)
         loss = float(logit(self.p_miss)) * np.asarray(passes, np.float64)
-        return float(logit(self.prior)) + (gain + loss)
+        return gain + loss
+
+    def of_votes(
+        self,
+        hits: npt.ArrayLike,
+        passes: npt.ArrayLike,
+        prior_log_odds: npt.ArrayLike | None = None,
+    ) -> FloatArray:
+        """Log odds of given weights of hits and passes [votes].
+
+        Args:
+            hits: weights, any shape.
+            passes: weights, of the same shape.
+            prior_log_odds: of the cells they belong to; None: those of `prior`, for all.
+        """
+        prior = logit(self.prior) if prior_log_odds is None else np.asarray(prior_log_odds)
+        log_odds: FloatArray = np.asarray(prior + self.increment(hits, passes), np.float64)
+        if self.clamp is None:
+            return log_odds
+        low, high = logit(self.clamp)
+        return np.clip(log_odds, low, high)
+
+    def prior_at(self, index: npt.ArrayLike) -> FloatArray:
+        """Log odds of the prior of single cells, shape (n,); index has shape (n, d), x first."""
+        cells = np.asarray(index, np.int64)
+        if self.prior_map is None:
+            return np.full(len(cells), float(logit(self.prior)))
+        return self.prior_map.at(cells)
+
+    def log_odds_at(self, index: npt.ArrayLike) -> FloatArray:
+        """Log odds of single cells, wherever they lie.
+
+        Args:
+            index: cells, shape (n, d), x first.
+
+        Returns:
+            Shape (n,); the prior's where there is no evidence.
+
+        Raises:
+            InputError: an index of another shape.
+        """
+        hits, passes = units_at(self.evidence, index)
+        return self.of_votes(hits / ONE, passes / ONE, self.prior_at(index))
 
     def log_odds(self, region: Region | None = None) -> FloatArray:
         """Log odds of a region's cells; the prior's where there is no evidence."""
-        return self.of_votes(*self.evidence.region(*self._region(region)))
-
-    def probability(self, region: Region | None = None) -> FloatArray:
-        """p(occupied) of a region's cells; the prior where there is no evidence."""
-        return sigmoid(self.log_odds(region))
+        lo, hi = self._region(region)
+        hits, passes = self.evidence.region(lo, hi)
+        prior = None if self.prior_map is None else self.prior_map.region(lo, hi)
+        return self.of_votes(hits, passes, prior)
 
     def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:
         """True where a region's cells have any evidence, also where it cancels out."""
         hits, passes = self.evidence.region(*self._region(region))
         return (hits > 0) | (passes > 0)
 
-    def state(self, region: Region | None = None) -> npt.NDArray[np.int8]:
-        """Unknown, free, undecided or occupied: values of `oddsmap.State`."""
-        hits, passes = self.evidence.region(*self._region(region))
-        return self.thresholds.state(
-            sigmoid(self.of_votes(hits, passes)), observed=(hits > 0) | (passes > 0)
-        )
-
-    def cells(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
-        """The cells with evidence: index, shape (n, d), x first, and probability, shape (n,)."""
-        index, hits, passes = self.evidence.cells()
-        return index, sigmoid(self.of_votes(hits / ONE, passes / ONE))
-
-    def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
-        """Probabilities with their place in the world, without the counts."""
-        if self.evidence.ndim != 2:
-            raise InputError(
-                "a picture or a ROS map needs a map of the plane, this one is of space: "
-                "oddsmap.project makes one of a band of heights (--z-min, --z-max)"
-            )
-        lo, hi = self._region(region)
-        resolution = self.evidence.resolution
-        hits, passes = self.evidence.region(lo, hi)
-        return ProbabilityMap(
-            probability=sigmoid(self.of_votes(hits, passes)),
-            observed=(hits > 0) | (passes > 0),
-            resolution=resolution,
-            origin=(float(lo[0]) * resolution, float(lo[1]) * resolution),
-        )
-
-    def to_voxels(self) -> VoxelMap:
-        """Log odds of the known cells of a map of space, without the counts.
-
-        Raises:
-            InputError: a map of the plane.
-        """
-        from oddsmap.voxels import VoxelMap
-
-        if self.evidence.ndim != 3:
-            raise InputError("an OctoMap or a PLY needs a map of space, this one is of the plane")
-        index, hits, passes = self.evidence.cells()
-        return VoxelMap(index, self.of_votes(hits / ONE, passes / ONE), self.evidence.resolution)
-
-    def to_xarray(self, region: Region | None = None) -> xarray.DataArray:
-        """Probabilities with coordinates of the cells' centres [m]; needs the extra `xarray`.
-
-        Raises:
-            ConfigError: xarray is not installed.
-        """
-        try:
-            import xarray
-        except ImportError:
-            raise ConfigError("xarray is not installed: pip install 'oddsmap[xarray]'") from None
-        lo, hi = self._region(region)
-        resolution = self.evidence.resolution
-        names = ("x", "y", "z")[: self.evidence.ndim]
-        axes = {
-            name: (name, (np.arange(a, b) + 0.5) * resolution, {"units": "m"})
-            for name, a, b in zip(names, lo, hi, strict=True)
-        }
-        return xarray.DataArray(
-            self.probability(region),
-            dims=names[::-1],
-            coords=axes,
-            name="probability",
-            attrs={"resolution": resolution, "prior": self.prior},
-        )
-
-    def save_ros(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        mode: RosMode = "trinary",
-        force: bool = False,
-    ) -> tuple[Path, Path]:
-        """Write a ROS map_server map: see `oddsmap.export.ros.save_ros`."""
-        from oddsmap.export.ros import save_ros
-
-        return save_ros(
-            self.to_probability_map(),
-            Path(path),
-            mode=mode,
-            thresholds=self.thresholds,
-            force=force,
-        )
-
-    def save_png(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Draw the map: see `oddsmap.plot.picture.save_png`."""
-        from oddsmap.plot.picture import save_png
-
-        save_png(self.to_probability_map(), Path(path), force=force)
+    def bounds(self) -> tuple[IntArray, IntArray] | None:
+        """The box of cells with evidence, see `EvidenceMap.bounds`."""
+        return self.evidence.bounds()
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write cells, counts and probabilities: see `oddsmap.export.npz.save_npz`."""
@@ -219,25 +195,11 @@ class LogOdds:
             force=force,
         )
 
-    def save_octomap(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        clamp: tuple[float, float] | None = None,
-        force: bool = False,
-    ) -> None:
-        """Write a `.bt` or `.ot`: see `oddsmap.export.octomap_writer.save_octomap`."""
-        self.to_voxels().save_octomap(path, clamp=clamp, thresholds=self.thresholds, force=force)
+    def known_log_odds(self) -> tuple[IntArray, FloatArray]:
+        """The cells with evidence: index, shape (n, d), x first, and log odds, shape (n,)."""
+        index, hits, passes = self.evidence.cells()
+        prior = None if self.prior_map is None else self.prior_map.at(index)
+        return index, self.of_votes(hits / ONE, passes / ONE, prior)
 
-    def save_ply(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the occupied cells as points: see `oddsmap.export.ply.save_ply`."""
-        self.to_voxels().save_ply(path, thresholds=self.thresholds, force=force)
-
-    def _region(self, region: Region | None) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        if region is not None:
-            return np.asarray(region[0], np.int64), np.asarray(region[1], np.int64)
-        bounds = self.evidence.bounds()
-        if bounds is None:
-            nothing = np.zeros(self.evidence.ndim, np.int64)
-            return nothing, nothing
-        return bounds
+    def _notes(self) -> dict[str, object]:
+        return {"prior": self.prior if self.prior_map is None else "map"}

@@ -3,7 +3,7 @@
 
 | key | |
 |---|---|
-| `beams` | (n, 4): sensor x [m], y [m], heading of the beam [rad], range [m] |
+| `beams` | of the plane, (n, 4): sensor x, y [m], heading of the beam [rad], range [m]; of space, (n, 7): sensor x, y, z [m], direction of the beam x, y, z (a unit vector), range [m] |
 | `scan` | (n,) integers, optional: beams of equal number are one scan; without it, consecutive beams of equal position are |
 | `range_max` | [m], optional: a range at or above it is "nothing seen" |
 | `cone_deg` | full opening angle [deg], optional: absent or up to 1 degree is a narrow beam |
@@ -14,10 +14,7 @@ Other keys (`truth`, `resolution`, ...) are ignored.
 
 from __future__ import annotations
 
-import io
 import math
-import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -26,9 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose2
+from oddsmap.poses import Pose2, Pose3
 from oddsmap.readers.container import Source
 from oddsmap.readers.loaded import LoadedLog
+from oddsmap.readers.npz_arrays import load_arrays
 from oddsmap.scan import Scan
 
 __all__ = ["matches", "open_npz_beams"]
@@ -40,11 +38,14 @@ _IntArray = npt.NDArray[np.intp]
 # Scalars and the interval each has to lie in, ends included.
 _INTERVALS = {
     "range_max": (np.finfo(np.float64).tiny, np.finfo(np.float64).max),
-    "cone_deg": (0.0, 360.0),
+    "cone_deg": (0.0, 180.0),
     "p_random": (0.0, 1.0),
     "p_dropout": (0.0, 1.0),
 }
 _NARROW_DEG = 1.0
+# How far the length of a direction may be from 1: rounding, and no more.
+_UNIT_TOLERANCE = 1e-3
+_LAYOUTS = "beams (n, 4) = x, y, heading, range or (n, 7) = x, y, z, dx, dy, dz, range"
 
 
 def matches(head: bytes) -> bool:
@@ -56,82 +57,64 @@ def matches(head: bytes) -> bool:
 def open_npz_beams(source: Source) -> LoadedLog:
     """Read an NPZ beam log.
 
-    Beams without a finite position count as `scan.nan_pose`, those without a finite heading as
-    `beam.nan_heading`, one for each beam.
+    Beams without a finite position count as `scan.nan_pose`, those without a finite heading or
+    direction as `beam.nan_heading`, one for each beam.
 
     Args:
         source: the decompressed content.
 
     Returns:
-        One scan for each position or scan number, with the headings as directions: every sensor
-        pose has heading 0. Ranges at or above `range_max` are +Inf. `sensor` holds `range_max`,
-        `p_random` and `p_dropout` where the file does.
+        One scan for each position or scan number, with the beams' directions in the map frame:
+        every sensor pose is without rotation. Ranges at or above `range_max` are +Inf. `sensor`
+        holds `range_max`, `p_random` and `p_dropout` where the file does, and `cone_deg` where
+        beams are wider than 1 degree.
 
     Raises:
-        InputError: a corrupt file, a missing or misshapen array, a scan at two positions, a cone
-            wider than 1 degree, or no usable beam.
+        InputError: a corrupt file, a missing or misshapen array, a direction that is no unit
+            vector, a scan at two positions, or no usable beam.
     """
     path = source.path
-    arrays = _load_arrays(source)
+    arrays = load_arrays(source, ("beams", "scan", *_INTERVALS), "beams", f"write {_LAYOUTS}")
     beams = _check_beams(path, arrays)
     scan_ids = _check_scan_ids(path, arrays, len(beams))
     scalars = {key: _read_scalar(path, key, arrays[key]) for key in _INTERVALS if key in arrays}
-    _refuse_wide_cone(path, scalars.pop("cone_deg", 0.0))
+    if scalars.get("cone_deg", 0.0) <= _NARROW_DEG:
+        scalars.pop("cone_deg", None)
 
     skipped = source.initial_skipped()
     notes = source.initial_notes()
-    usable = _find_usable(beams, skipped)
+    d = 2 if beams.shape[1] == 4 else 3
+    usable = _find_usable(beams, d, skipped)
     if not usable.any():
         raise InputError(
             f"{path}: no usable scan, none of {len(beams)} beams has a finite position and "
             "heading: check what wrote the file"
         )
-    beams = beams[usable]
-    ranges = _read_ranges(beams[:, 3], arrays.get("range_max"), notes)
+    rows, beams = np.flatnonzero(usable), beams[usable]
+    ranges = _read_ranges(beams[:, -1], arrays.get("range_max"), notes)
+    directions = _directions(path, beams, rows)
     if scan_ids is None:
-        groups = _group_by_position(beams[:, :2])
+        groups = _group_by_position(beams[:, :d])
     else:
-        groups = _group_by_id(path, beams[:, :2], scan_ids[usable])
+        groups = _group_by_id(path, beams[:, :d], scan_ids[usable])
+    positions = beams[:, :d].astype(np.float64)
     return LoadedLog(
         path=path,
         format="NPZ beam log",
         sensor=scalars,
         skipped=skipped,
         notes=tuple(notes),
-        scans=tuple(_to_scan(beams[rows].astype(np.float64), ranges[rows]) for rows in groups),
+        scans=tuple(
+            _to_scan(positions[group[0]], directions[group], ranges[group]) for group in groups
+        ),
     )
-
-
-def _load_arrays(source: Source) -> Mapping[str, _Array]:
-    """The arrays this reader knows; the others are not even decompressed."""
-    try:
-        with np.load(io.BytesIO(source.content), allow_pickle=False) as file:
-            found = sorted(file.files)
-            wanted = [key for key in ("beams", "scan", *_INTERVALS) if key in found]
-            arrays = {key: np.asarray(file[key]) for key in wanted}
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, KeyError, NotImplementedError) as e:
-        raise InputError(
-            f"{source.path}: corrupt or truncated NPZ file ({e}): copy or write it again"
-        ) from None
-    except ValueError as e:  # NumPy's word for both a pickle and a damaged array header
-        raise InputError(
-            f"{source.path}: an array in the NPZ file cannot be read ({e}): "
-            "write plain arrays of numbers"
-        ) from None
-    if "beams" not in arrays:
-        raise InputError(
-            f"{source.path}: no array `beams` in the NPZ file, found {', '.join(found)}: "
-            "write beams (n, 4) = x, y, heading, range"
-        )
-    return arrays
 
 
 def _check_beams(path: str, arrays: Mapping[str, _Array]) -> _Array:
     beams = arrays["beams"]
-    if beams.ndim != 2 or beams.shape[1] != 4 or len(beams) == 0:
+    if beams.ndim != 2 or beams.shape[1] not in (4, 7) or len(beams) == 0:
         raise InputError(
-            f"{path}: `beams` has shape {beams.shape}: "
-            "it must be (n, 4) = x, y, heading, range with n > 0"
+            f"{path}: `beams` has shape {beams.shape}: it must be {_LAYOUTS}, with n > 0"
         )
     if beams.dtype.kind not in "iuf":
         raise InputError(f"{path}: `beams` holds {beams.dtype}: it must hold real numbers")
@@ -164,17 +147,9 @@ def _read_scalar(path: str, key: str, array: _Array) -> float:
     return value
 
 
-def _refuse_wide_cone(path: str, cone_deg: float) -> None:
-    if cone_deg > _NARROW_DEG:
-        raise InputError(
-            f"{path}: `cone_deg` is {cone_deg:g}: cones are not supported yet, "
-            f"only narrow beams (up to {_NARROW_DEG:g} degree)"
-        )
-
-
-def _find_usable(beams: _Array, skipped: Counter[str]) -> npt.NDArray[np.bool_]:
-    at_position = np.isfinite(beams[:, :2]).all(axis=1)
-    headed = np.isfinite(beams[:, 2])
+def _find_usable(beams: _Array, d: int, skipped: Counter[str]) -> npt.NDArray[np.bool_]:
+    at_position = np.isfinite(beams[:, :d]).all(axis=1)
+    headed = np.isfinite(beams[:, d:-1]).all(axis=1)
     for reason, bad in (
         ("scan.nan_pose", ~at_position),
         ("beam.nan_heading", at_position & ~headed),
@@ -182,6 +157,24 @@ def _find_usable(beams: _Array, skipped: Counter[str]) -> npt.NDArray[np.bool_]:
         if bad.any():
             skipped[reason] += int(np.count_nonzero(bad))
     return np.asarray(at_position & headed)
+
+
+def _directions(path: str, beams: _Array, rows: _IntArray) -> _FloatArray:
+    """Unit vectors, shape (n, d); `rows` are the beams' places in the file, for messages."""
+    if beams.shape[1] == 4:
+        headings = beams[:, 2].astype(np.float64)
+        return np.stack([np.cos(headings), np.sin(headings)], axis=1)
+    directions: _FloatArray = beams[:, 3:6].astype(np.float64)
+    lengths = np.linalg.norm(directions, axis=1)
+    off = np.abs(lengths - 1.0) > _UNIT_TOLERANCE
+    if off.any():
+        worst = int(np.flatnonzero(off)[0])
+        raise InputError(
+            f"{path}: the direction of beam {rows[worst]} has length {lengths[worst]:g}: "
+            "dx, dy, dz must be a unit vector"
+        )
+    directions /= lengths[:, None]
+    return directions
 
 
 def _read_ranges(ranges: _Array, range_max: _Array | None, notes: list[str]) -> _FloatArray:
@@ -215,15 +208,19 @@ def _group_by_id(path: str, positions: _Array, ids: _Array) -> list[_IntArray]:
         row = int(np.flatnonzero(elsewhere)[0])
         here, there = positions[row], positions[first[inverse[row]]]
         raise InputError(
-            f"{path}: scan {ids[row]} has beams at two positions, ({there[0]:g}, {there[1]:g}) and "
-            f"({here[0]:g}, {here[1]:g}): give beams from different positions different numbers"
+            f"{path}: scan {ids[row]} has beams at two positions, {_point(there)} and "
+            f"{_point(here)}: give beams from different positions different numbers"
         )
     rows = np.argsort(inverse, kind="stable")
     groups = np.split(rows, np.cumsum(np.bincount(inverse))[:-1])
     return [groups[i] for i in np.argsort(first)]
 
 
-def _to_scan(beams: _FloatArray, ranges: _FloatArray) -> Scan:
-    headings = beams[:, 2]
-    directions = np.stack([np.cos(headings), np.sin(headings)], axis=1)
-    return Scan(Pose2(float(beams[0, 0]), float(beams[0, 1]), 0.0), directions, ranges)
+def _point(position: _Array) -> str:
+    return f"({', '.join(f'{x:g}' for x in position)})"
+
+
+def _to_scan(position: _FloatArray, directions: _FloatArray, ranges: _FloatArray) -> Scan:
+    if len(position) == 3:
+        return Scan(Pose3(np.eye(3), position), directions, ranges)
+    return Scan(Pose2(float(position[0]), float(position[1]), 0.0), directions, ranges)

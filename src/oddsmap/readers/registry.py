@@ -16,6 +16,7 @@ from oddsmap.poses import Pose3
 from oddsmap.readers import (
     carmen,
     npz_beams,
+    npz_grids,
     octomap_graph,
     pcd,
     ply,
@@ -24,6 +25,7 @@ from oddsmap.readers import (
 )
 from oddsmap.readers.container import Source, open_source
 from oddsmap.readers.given import FilePath, Given
+from oddsmap.readers.npz_arrays import array_names
 from oddsmap.scan import Log
 from oddsmap.sensors.depth_camera import PinholeCamera
 from oddsmap.trajectory import Trajectory
@@ -57,13 +59,16 @@ def _alone(name: str, open_source_alone: Callable[[Source], Log]) -> Callable[[S
     return open_alone
 
 
+def _open_npz(source: Source, given: Given) -> Log:
+    names = array_names(source.content)
+    if "grids" in names and "beams" not in names:
+        return _alone("an NPZ grid log", npz_grids.open_npz_grids)(source, given)
+    return _alone("an NPZ beam log", npz_beams.open_npz_beams)(source, given)
+
+
 # Asked in this order: formats with magic bytes first, texts after them.
 READERS: tuple[Reader, ...] = (
-    Reader(
-        "NPZ beam logs",
-        npz_beams.matches,
-        _alone("an NPZ beam log", npz_beams.open_npz_beams),
-    ),
+    Reader("NPZ beam and grid logs", npz_beams.matches, _open_npz),
     Reader("PCD scans", pcd.matches, scan_folder.open_single_cloud("PCD", pcd.read_pcd)),
     Reader("PLY scans", ply.matches, scan_folder.open_single_cloud("PLY", ply.read_ply)),
     Reader("OctoMap scan graphs", octomap_graph.matches, octomap_graph.open_octomap_graph),

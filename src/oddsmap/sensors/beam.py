@@ -14,6 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +23,20 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.scan import Scan
 from oddsmap.sensors.depth_camera import DepthScan
 
-__all__ = ["BeamSensor", "Segments", "logit"]
+if TYPE_CHECKING:
+    from oddsmap.sensors.forward import ForwardModel
+    from oddsmap.sensors.kinds import Measurement
+
+__all__ = ["NO_RANGE_MAX", "BeamSensor", "Segments", "check_rates", "logit", "ranges_of"]
 
 FloatArray = npt.NDArray[np.float64]
+
+NO_RANGE_MAX = (
+    "sensor.range_max is needed by the forward model, got none: set it (--range-max) to the range "
+    "at and beyond which the sensor reports nothing"
+)
+# Range noise of a common lidar [m], for the forward model of a sensor that says nothing of it.
+_LIDAR_SIGMA = 0.02
 
 
 def logit(p: npt.ArrayLike) -> FloatArray:
@@ -42,6 +54,7 @@ class Segments:
         offsets: first segment of each scan, and the end, shape (scans + 1,).
         ends: where the free part of each segment ends, shape (m, d).
         tips: where its occupied part ends, shape (m, d).
+        fades: where passes begin to fade, shape (m, d); `ends` where they do not.
         hit: False where nothing was seen and the segment only clears, shape (m,).
     """
 
@@ -49,6 +62,7 @@ class Segments:
     offsets: npt.NDArray[np.int64]
     ends: FloatArray
     tips: FloatArray
+    fades: FloatArray
     hit: npt.NDArray[np.bool_]
 
 
@@ -64,6 +78,14 @@ class BeamSensor:
         hit_width: length of the occupied region, centred at the return [m]; 0: one cell.
         share_hit: True: the cells of that region share one hit by the beam's length in them;
             False: each gets a whole one.
+        sigma: standard deviation of the range [m]; 0: none. Above 0 the cells within `spread`
+            times sigma of the return share one hit, each in proportion to the mass that the
+            normal distribution around the return, cut off there and at the sensor, has in it. It
+            takes the place of hit_width, and share_hit has no say.
+        spread: how many standard deviations count.
+        fade: the way before the occupied region, or before the return, over which passes fade
+            [m]: their weight falls in a straight line from 1 to 0, and a cell gets the mean along
+            the beam inside it. No-returns do not fade.
         p_hit: p(x | z) at prior 1/2 around the return.
         p_miss: p(x | z) at prior 1/2 before it.
         mark_z_min: a return below this height in the map frame clears but does not mark [m];
@@ -72,25 +94,38 @@ class BeamSensor:
         body_min: least corner of the robot's body in the sensor frame [m], three numbers; a
             return inside the body's box does not mark. Scans of space only.
         body_max: its most corner [m].
+        detection: probability that an occupied cell returns the beam. This and what follows is of
+            the forward model: it changes `forward_model`, never the filter.
+        p_random: rate of random readings.
+        p_dropout: rate of returns lost.
 
     Raises:
         ConfigError: a value is outside its range.
     """
+
+    kind: ClassVar[str] = "beam"
+    default_votes: ClassVar[str] = "scan"
 
     range_min: float = 0.0
     range_max: float | None = None
     clear_range: float | None = None
     hit_width: float = 0.0
     share_hit: bool = False
+    sigma: float = 0.0
+    spread: float = 3.0
+    fade: float = 0.0
     p_hit: float = 0.7
     p_miss: float = 0.4
     mark_z_min: float | None = None
     mark_z_max: float | None = None
     body_min: tuple[float, float, float] | None = None
     body_max: tuple[float, float, float] | None = None
+    detection: float = 0.98
+    p_random: float = 0.02
+    p_dropout: float = 0.02
 
     def __post_init__(self) -> None:
-        for name in ("range_min", "hit_width"):
+        for name in ("range_min", "hit_width", "sigma", "fade"):
             value = getattr(self, name)
             if not 0.0 <= value < math.inf:
                 raise ConfigError(f"sensor.{name} is a length of 0 m or more, got {value}")
@@ -98,10 +133,18 @@ class BeamSensor:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
                 raise ConfigError(f"sensor.{name} is a length above 0 m, got {value}")
+        if not 0.0 < self.spread < math.inf:
+            raise ConfigError(f"sensor.spread is a number above 0, got {self.spread}")
+        if self.sigma > 0.0 and self.hit_width > 0.0:
+            raise ConfigError(
+                "sensor.sigma and hit_width both say where a hit goes: set one to 0, "
+                f"got {self.sigma} and {self.hit_width}"
+            )
         if not 0.5 < self.p_hit < 1.0:
             raise ConfigError(f"sensor.p_hit lies between 0.5 and 1, got {self.p_hit}")
         if not 0.0 < self.p_miss < 0.5:
             raise ConfigError(f"sensor.p_miss lies between 0 and 0.5, got {self.p_miss}")
+        check_rates(self.detection, self.p_random, self.p_dropout)
         self._check_filters()
 
     def _check_filters(self) -> None:
@@ -124,6 +167,38 @@ class BeamSensor:
                     "sensor.body_min and body_max are three lengths each, min below max, "
                     f"got {self.body_min} and {self.body_max}"
                 )
+
+    def forward_model(self) -> ForwardModel:
+        """p(z | map, pose) of the same beam, a ray, for simulation and full-map estimation.
+
+        Its range noise is `sigma`, or 2 cm where that is 0.
+
+        Raises:
+            ConfigError: range_max is not set, or p_random is 0.
+        """
+        from oddsmap.sensors.forward import ForwardModel
+
+        if self.range_max is None:
+            raise ConfigError(NO_RANGE_MAX)
+        return ForwardModel(
+            cone_deg=0.0,
+            range_max=self.range_max,
+            range_min=self.range_min,
+            detection=self.detection,
+            p_random=self.p_random,
+            p_dropout=self.p_dropout,
+            sigma=self.sigma or _LIDAR_SIGMA,
+        )
+
+    @property
+    def half_width(self) -> float:
+        """How far the occupied region reaches before and behind the return [m]."""
+        return self.spread * self.sigma if self.sigma > 0.0 else self.hit_width / 2
+
+    @property
+    def whole_votes(self) -> bool:
+        """True where each beam gives its cells whole votes, with a hit for one cell alone."""
+        return self.half_width == 0.0 and self.fade == 0.0
 
     @property
     def heights(self) -> tuple[float, float]:
@@ -155,7 +230,12 @@ class BeamSensor:
         )
 
     def inverse_model(
-        self, distance: npt.ArrayLike, reading: float, prior: npt.ArrayLike = 0.5
+        self,
+        distance: npt.ArrayLike,
+        reading: float,
+        prior: npt.ArrayLike = 0.5,
+        *,
+        cell: float | None = None,
     ) -> FloatArray:
         """p(x | z): probability that there is something at a distance along the beam.
 
@@ -163,20 +243,64 @@ class BeamSensor:
             distance: distances from the sensor along the beam [m], any shape.
             reading: the range z [m].
             prior: p(x), a number or one for each distance.
+            cell: side of cells centred at the distances [m]: what a cell there gets of a shared
+                hit, and of a fading pass. None: points, where a hit with a width is whole.
 
         Returns:
             The probability at each distance, the prior itself behind the return.
+
+        Raises:
+            ConfigError: sigma > 0 and no cell: a share of a hit needs its size.
 
         Source: Probabilistic Robotics, table 9.2, with the prior's log odds kept apart.
         """
         at = np.asarray(distance, dtype=np.float64)
         base = np.broadcast_to(np.asarray(prior, dtype=np.float64), at.shape)
-        near, far = reading - self.hit_width / 2, reading + self.hit_width / 2
-        factor = np.where(at < near, logit(self.p_miss), logit(self.p_hit))
+        if cell is None and self.sigma > 0.0:
+            raise ConfigError("a hit spread by sigma is shared by cells: give the side of a cell")
+        hits, passes = self._weights(at, reading, cell or 0.0)
+        factor = hits * logit(self.p_hit) + passes * logit(self.p_miss)
         odds = np.exp(logit(base) + factor)
-        return np.where(at > far, base, odds / (1.0 + odds))
+        return np.where((hits > 0.0) | (passes > 0.0), odds / (1.0 + odds), base)
 
-    def segments(self, scans: Sequence[Scan | DepthScan]) -> tuple[Segments, Counter[str]]:
+    def _weights(
+        self, at: FloatArray, reading: float, cell: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """What cells centred at `at` get of a reading: hits and passes, each of `at`'s shape."""
+        near, far = max(reading - self.half_width, 0.0), reading + self.half_width
+        if cell == 0.0:
+            fading = (near - at) / self.fade if self.fade > 0.0 else np.inf
+            passes = np.where(at < near, np.minimum(fading, 1.0), 0.0)
+            return np.where((near <= at) & (at <= far), 1.0, 0.0), passes
+        start, stop = at - cell / 2, at + cell / 2
+        mass = self._mass_until(stop, reading) - self._mass_until(start, reading)
+        shared = self.sigma > 0.0 or self.share_hit or self.half_width == 0.0
+        hits = mass if shared else np.where(mass > 0.0, 1.0, 0.0)
+        start, way = np.maximum(start, 0.0), stop - np.maximum(start, 0.0)
+        weighed = self._pass_until(near - start) - self._pass_until(near - stop)
+        free = (stop <= near) & (way > 0.0)  # the cell where the free part ends gets no pass
+        return hits, np.divide(weighed, way, out=np.zeros_like(at), where=free)
+
+    def _mass_until(self, at: FloatArray, reading: float) -> FloatArray:
+        """Share of a shared hit that lies before a distance."""
+        near, far = max(reading - self.half_width, 0.0), reading + self.half_width
+        if self.half_width == 0.0:
+            return np.where(at > reading, 1.0, 0.0)
+        inside = np.clip(at, near, far)
+        if self.sigma == 0.0:
+            return np.asarray((inside - near) / (far - near))
+        unit = 1.0 / (math.sqrt(2.0) * self.sigma)
+        low, high = math.erf((near - reading) * unit), math.erf(self.half_width * unit)
+        erf = np.vectorize(math.erf, otypes=[np.float64])
+        return np.asarray((erf((inside - reading) * unit) - low) / (high - low))
+
+    def _pass_until(self, way: FloatArray) -> FloatArray:
+        """Integral of a pass's weight over the last part of the free way."""
+        if self.fade == 0.0:
+            return way
+        return np.where(way < self.fade, way**2 / (2.0 * self.fade), way - self.fade / 2)
+
+    def segments(self, scans: Sequence[Measurement]) -> tuple[Segments, Counter[str]]:
         """Sort readings into hits, no-returns and what must be skipped.
 
         Args:
@@ -192,7 +316,7 @@ class BeamSensor:
         """
         from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN, cut_beams
 
-        beams = [scan.to_scan() if isinstance(scan, DepthScan) else scan for scan in scans]
+        beams = ranges_of(scans)
         finite = [scan for scan in beams if scan.map_from_sensor.is_finite]
         if len({scan.directions.shape[1] for scan in finite}) > 1:
             raise InputError("scans of the plane and of space cannot go into one map")
@@ -210,7 +334,9 @@ class BeamSensor:
         origins = np.array([scan.map_from_sensor.translation for scan in finite]).reshape(-1, d)
         counts = np.zeros(5, np.int64)
         ends = np.empty((starts[-1], d))
-        tips = np.empty_like(ends) if self.hit_width > 0 else ends
+        half_width = self.half_width
+        tips = np.empty_like(ends) if half_width > 0 else ends
+        fades = np.empty_like(ends) if self.fade > 0 else ends
         hit = np.empty(len(ends), np.bool_)
         offsets = np.empty(len(finite) + 1, np.int64)
         cut_beams(
@@ -221,11 +347,13 @@ class BeamSensor:
             origins,
             np.array([scan.map_from_sensor.rotation for scan in finite]).reshape(-1, d, d),
             self.limits,
-            self.hit_width / 2,
+            half_width,
+            float(self.fade),
             self.heights,
             self.body,
             ends,
             tips,
+            fades,
             hit,
             offsets,
             counts,
@@ -248,10 +376,42 @@ class BeamSensor:
             origins=origins[kept],
             offsets=offsets[np.concatenate([[True], kept])],
             ends=ends,
-            tips=tips[:used] if self.hit_width > 0 else ends,
+            tips=tips[:used] if half_width > 0 else ends,
+            fades=fades[:used] if self.fade > 0 else ends,
             hit=hit[:used],
         )
         return segments, +skipped
+
+
+def check_rates(detection: float, p_random: float, p_dropout: float) -> None:
+    """Check what the forward model of a beam is made of.
+
+    Raises:
+        ConfigError: a rate is outside its range, or nothing is left for true readings.
+    """
+    if not 0.0 < detection <= 1.0:
+        raise ConfigError(f"sensor.detection lies above 0 and up to 1, got {detection}")
+    for name, value in (("p_random", p_random), ("p_dropout", p_dropout)):
+        if not 0.0 <= value < 1.0:
+            raise ConfigError(f"sensor.{name} is a rate from 0 to below 1, got {value}")
+    if p_random + p_dropout >= 1.0:
+        raise ConfigError(
+            "sensor.p_random and p_dropout leave room for true readings below 1 together, "
+            f"got {p_random} + {p_dropout}"
+        )
+
+
+def ranges_of(scans: Sequence[Measurement]) -> list[Scan]:
+    """Measurements of ranges as beams.
+
+    Raises:
+        InputError: one sees cells, not ranges.
+    """
+    beams = [scan.to_scan() if isinstance(scan, DepthScan) else scan for scan in scans]
+    ranges = [scan for scan in beams if isinstance(scan, Scan)]
+    if len(ranges) < len(beams):
+        raise InputError("a scan sees cells, not ranges: it needs an OverheadSensor")
+    return ranges
 
 
 def _joined(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:

@@ -116,6 +116,11 @@ class DepthScan:
                 f"{self.camera.width} x {self.camera.height}: give the camera of this image"
             )
 
+    @property
+    def size(self) -> int:
+        """How many readings there are."""
+        return int(self.depth.size)
+
     def to_scan(self) -> Scan:
         """One beam a pixel, row by row; pixels without information have range NaN."""
         depth = self.depth.astype(np.float64)

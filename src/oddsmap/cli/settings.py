@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the options of `oddsmap build` and its kin say: settings, sensors, calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from oddsmap.config import Config
+    from oddsmap.poses import Pose3
+    from oddsmap.scan import Log
+    from oddsmap.sensors.depth_camera import PinholeCamera
+
+__all__ = [
+    "SENSORS",
+    "Layer",
+    "Layers",
+    "doubts",
+    "names_of",
+    "read_camera",
+    "read_extrinsics",
+    "resolved",
+    "sensor_name",
+    "setting_layers",
+]
+
+SENSORS = {
+    "lidar2d": "beam",
+    "lidar3d": "beam",
+    "depth": "beam",
+    "sonar": "cone",
+    "tof": "cone",
+    "overhead": "overhead",
+}
+"""What --sensor may say, and the kind of sensor model that stands for it."""
+
+
+def sensor_name(log: Log, settled: Config) -> str:
+    """What --sensor would call the sensor of a log; a cone of the plane is a "sonar" here."""
+    if hasattr(log, "depth_scans"):
+        return "depth"
+    from oddsmap.poses import Pose2
+    from oddsmap.sensors.overhead import GridScan
+
+    first = next(iter(log), None)
+    if isinstance(first, GridScan):
+        return "overhead"
+    flat = first is None or isinstance(first.map_from_sensor, Pose2)
+    if settled.sensor.kind == "cone":
+        return "sonar" if flat else "tof"
+    return "lidar2d" if flat else "lidar3d"
+
+
+def names_of(kind: str) -> tuple[str, ...]:
+    """What --sensor may call a sensor: sonars and time-of-flight sensors are both cones."""
+    return ("sonar", "tof") if kind in ("sonar", "tof") else (kind,)
+
+
+def doubts(log: Log, settled: Config) -> list[str]:
+    """What a person should know of settings that do not fit the log."""
+    said, given = log.sensor.get("range_max"), getattr(settled.sensor, "range_max", None)
+    if said is None or given is None or given <= said:
+        return []
+    return [
+        f"range_max {given:g} is above the {said:g} m that this log writes where nothing was seen: "
+        "such readings now count as obstacles"
+    ]
+
+
+def _numbers(option: str, text: str, names: str) -> list[float]:
+    from oddsmap.errors import ConfigError
+
+    try:
+        numbers = [float(part) for part in text.replace(",", " ").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != len(names.split()):
+        raise ConfigError(f'{option} "{text}": needs the numbers {names}')
+    return numbers
+
+
+def read_extrinsics(text: str | None) -> Pose3 | None:
+    """What --body-from-sensor says."""
+    from oddsmap.poses import Pose3
+
+    if text is None:
+        return None
+    numbers = _numbers("--body-from-sensor", text, "x y z qx qy qz qw")
+    return Pose3.from_quaternion_xyzw(numbers[:3], numbers[3:])
+
+
+def read_camera(text: str | None) -> PinholeCamera | None:
+    """What --camera says."""
+    from oddsmap.sensors.depth_camera import PinholeCamera
+
+    if text is None:
+        return None
+    fx, fy, cx, cy, width, height = _numbers("--camera", text, "fx fy cx cy width height")
+    return PinholeCamera(fx, fy, cx, cy, int(width), int(height))
+
+
+Layer = dict[str, dict[str, Any]]
+Layers = list[tuple[str, Layer]]
+
+
+def setting_layers(config: Path | None, flags: Layer, settings: list[str]) -> Layers:
+    """Layers of settings, the strongest last: the file, the options by name, --set."""
+    from oddsmap.config import parse_setting, read_toml
+
+    layers: Layers = []
+    if config is not None:
+        layers.append((str(config), read_toml(config)))
+    for section, fields in flags.items():
+        given = {name: value for name, value in fields.items() if value is not None}
+        layers.append(("options", {section: given}))
+    for text in settings:
+        section, name, value = parse_setting(text)
+        layers.append((f"--set {text}", {section: {name: value}}))
+    return layers
+
+
+def resolved(layers: Layers, log: Log) -> Config:
+    """The configuration for a log: what it says of its sensor, and the layers above."""
+    from oddsmap.config import resolve
+    from oddsmap.integrate import said_of_sensor
+
+    said = [values["sensor"]["kind"] for _, values in layers if "kind" in values.get("sensor", {})]
+    kind = said[-1] if said else None
+    first = None if kind is not None or hasattr(log, "depth_scans") else next(iter(log), None)
+    return resolve(("log", {"sensor": said_of_sensor(log, kind, first=first)}), *layers)

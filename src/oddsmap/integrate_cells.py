@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Votes of single cells into tiles: for sensors that name the cells themselves."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from oddsmap.cell_window import CellWindow
+from oddsmap.errors import InputError
+from oddsmap.evidence import EvidenceMap
+from oddsmap.kernels.cell_votes import cell_box, gather_cells
+from oddsmap.kernels.tiles import ONE
+from oddsmap.sensors.cell_votes import CellVotes
+from oddsmap.sensors.kinds import CellSensor, Measurement
+from oddsmap.tiles import TileStore
+
+__all__ = ["CellIntegrator"]
+
+
+class CellIntegrator:
+    """Adds scans to tiles, with memory of its own to gather in: one a thread.
+
+    Args:
+        evidence: the map whose resolution and kind of votes apply.
+        sensor: the sensor model of the scans to come.
+        tiles: where the votes go.
+        lock: guards the tiles; one for all integrators that share them.
+    """
+
+    def __init__(
+        self, evidence: EvidenceMap, sensor: CellSensor, tiles: TileStore, lock: threading.Lock
+    ) -> None:
+        self.tiles = tiles
+        self._resolution = evidence.resolution
+        self._sensor = sensor
+        self._every_beam = evidence.votes == "beam"
+        self.scale = ONE
+        self.lost = np.zeros(2, np.int64)
+        self._window = CellWindow(
+            tiles, lock, every_beam=self._every_beam, resolution=self._resolution, lost=self.lost
+        )
+
+    def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
+        """Add a batch: returns scans used, beams used, and what was skipped by reason."""
+        parts, skipped = self._sensor.votes(scans, self._resolution)
+        scan_count = beam_count = 0
+        for votes in parts:
+            if votes.index.shape[1] != self.tiles.ndim:
+                raise InputError(
+                    f"scans of {votes.index.shape[1]} dimensions cannot go into a map of "
+                    f"{self.tiles.ndim}"
+                )
+            for first, end in zip(votes.offsets[:-1], votes.offsets[1:], strict=True):
+                if end > first:
+                    self._integrate(votes, int(first), int(end))
+            scan_count += len(votes.offsets) - 1
+            beam_count += votes.beams
+        return scan_count, beam_count, skipped
+
+    def _integrate(self, votes: CellVotes, first: int, end: int) -> None:
+        side = self.tiles.side
+        lo, hi = np.empty((2, self.tiles.ndim), np.int64)
+        cell_box(votes.index, first, end, lo, hi)
+        tiles_lo = lo // side
+        shape = hi // side + 1 - tiles_lo
+        first_cell, strides = self._window.open(tiles_lo, shape)
+        window = self._window
+        while first >= 0:
+            first = gather_cells(
+                votes.index, votes.hits, votes.passes, first, end, first_cell, side, strides,
+                self._every_beam, window.table, window.used, window.weights,
+            )  # fmt: skip
+            if first >= 0:
+                window.grow()
+        window.apply(tiles_lo, shape, self.scale)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The length of beams inside cells: the third channel of evidence, kept where it is asked for."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.cell_window import CellWindow
+from oddsmap.errors import ConfigError
+from oddsmap.kernels.beams import ScanCells
+from oddsmap.kernels.lengths import gather_lengths
+from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.kinds import Sensor
+from oddsmap.tiles import TileStore
+
+__all__ = ["LengthIntegrator", "check_lengths"]
+
+
+def check_lengths(sensor: Sensor) -> None:
+    """Refuse a sensor whose beams have no length inside cells.
+
+    Raises:
+        ConfigError: a sensor of no narrow beams, or one whose hits are wide.
+    """
+    if not isinstance(sensor, BeamSensor):
+        raise ConfigError(
+            f"map.path_lengths is for narrow beams, the sensor is of kind {sensor.kind}"
+        )
+    if sensor.half_width > 0.0:
+        raise ConfigError(
+            "map.path_lengths counts up to the return, where the hit is: it needs "
+            f"sensor.hit_width = 0 and sigma = 0, got {sensor.hit_width:g} and {sensor.sigma:g}"
+        )
+
+
+class LengthIntegrator:
+    """Adds the lengths of beams to their tiles: one a thread.
+
+    Args:
+        tiles: where the lengths go, in the place of passes.
+        lock: guards the tiles.
+        resolution: side of a cell [m], for messages.
+        lost: see `CellWindow`.
+    """
+
+    def __init__(
+        self,
+        tiles: TileStore,
+        lock: threading.Lock,
+        resolution: float,
+        lost: npt.NDArray[np.int64],
+    ) -> None:
+        self._window = CellWindow(tiles, lock, every_beam=True, resolution=resolution, lost=lost)
+        self._cells = np.zeros((0, tiles.ndim), np.int64)
+        self._left = np.zeros(0)
+        self._units = np.zeros(0, np.int64)
+        self._nothing = np.zeros(0, np.int64)
+
+    def add(self, scans: ScanCells, scale: int) -> None:
+        """Add a batch of scans that weigh scale / 65536 each."""
+        window = self._window
+        for scan in range(len(scans.origins)):
+            ends = scans.ends[scans.offsets[scan] : scans.offsets[scan + 1]]
+            origin = scans.origins[scan]
+            self._make_room(origin, ends)
+            tiles_lo = scans.tiles_lo[scan]
+            shape = scans.tiles_hi[scan] - tiles_lo
+            lo, strides = window.open(tiles_lo, shape)
+            first = 0
+            while first >= 0:
+                first = gather_lengths(
+                    origin, ends, first, lo, window.tiles.side, strides,
+                    self._cells, self._left, self._units, self._nothing,
+                    window.table, window.used, window.weights,
+                )  # fmt: skip
+                if first >= 0:
+                    window.grow()
+            window.apply(tiles_lo, shape, scale)
+
+    def _make_room(self, origin: npt.NDArray[np.float64], ends: npt.NDArray[np.float64]) -> None:
+        borders = np.abs(np.floor(ends) - np.floor(origin)).sum(axis=1).max(initial=0.0)
+        room = int(borders) + 2
+        if len(self._left) < room:
+            self._cells = np.zeros((room, len(origin)), np.int64)
+            self._left = np.zeros(room)
+            self._units = np.zeros(room, np.int64)
+            self._nothing = np.zeros(room, np.int64)

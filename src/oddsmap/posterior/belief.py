@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all maps of log odds can do, whichever estimator they come from."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.probability_map import ProbabilityMap, Thresholds
+
+if TYPE_CHECKING:
+    import xarray
+
+    from oddsmap.export.ros_reader import RosMode
+    from oddsmap.voxels import VoxelMap
+
+__all__ = ["Belief", "Region", "sigmoid"]
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Region = tuple[npt.ArrayLike, npt.ArrayLike]
+
+
+def sigmoid(log_odds: npt.ArrayLike) -> FloatArray:
+    """Probability of log odds: 1 / (1 + exp(-l)), without overflow."""
+    x = np.asarray(log_odds, dtype=np.float64)
+    small = np.exp(-np.abs(x))
+    return np.where(x >= 0, 1.0, small) / (1.0 + small)
+
+
+class Belief(ABC):
+    """p(m_i | z_1:t) of each cell, of a plane or of space.
+
+    Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
+    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in space.
+
+    Attributes:
+        thresholds: from which probability a cell is free or occupied.
+        prior: p(x) of a cell that nothing is known of.
+    """
+
+    thresholds: Thresholds
+    prior: float
+
+    @property
+    @abstractmethod
+    def ndim(self) -> int:
+        """2 for a map of the plane, 3 for a map of space."""
+
+    @property
+    @abstractmethod
+    def resolution(self) -> float:
+        """Side of a cell [m]."""
+
+    @abstractmethod
+    def bounds(self) -> tuple[IntArray, IntArray] | None:
+        """The box of known cells: first index and past the last, shape (d,); None: no cells."""
+
+    @abstractmethod
+    def log_odds(self, region: Region | None = None) -> FloatArray:
+        """Log odds of a region's cells; the prior's where nothing is known."""
+
+    @abstractmethod
+    def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:
+        """True for the cells that have been observed, also where p is the prior's."""
+
+    @abstractmethod
+    def known_log_odds(self) -> tuple[IntArray, FloatArray]:
+        """The observed cells: index, shape (n, d), x first, and log odds, shape (n,)."""
+
+    @abstractmethod
+    def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write the observed cells as arrays: see `oddsmap.export.npz.save_npz`."""
+
+    def probability(self, region: Region | None = None) -> FloatArray:
+        """p(occupied) of a region's cells; the prior where nothing is known."""
+        return sigmoid(self.log_odds(region))
+
+    def state(self, region: Region | None = None) -> npt.NDArray[np.int8]:
+        """Unknown, free, undecided or occupied: values of `oddsmap.State`."""
+        box = self._region(region)
+        return self.thresholds.state(self.probability(box), observed=self.observed(box))
+
+    def cells(self) -> tuple[IntArray, FloatArray]:
+        """The observed cells: index, shape (n, d), x first, and probability, shape (n,)."""
+        index, log_odds = self.known_log_odds()
+        return index, sigmoid(log_odds)
+
+    def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
+        """Probabilities with their place in the world.
+
+        Raises:
+            InputError: a map of space.
+        """
+        if self.ndim != 2:
+            raise InputError(
+                "a picture or a ROS map needs a map of the plane, this one is of space: "
+                "oddsmap.project makes one of a band of heights (--z-min, --z-max)"
+            )
+        lo, hi = self._region(region)
+        return ProbabilityMap(
+            probability=self.probability((lo, hi)),
+            observed=self.observed((lo, hi)),
+            resolution=self.resolution,
+            origin=(float(lo[0]) * self.resolution, float(lo[1]) * self.resolution),
+        )
+
+    def to_voxels(self) -> VoxelMap:
+        """Log odds of the observed cells of a map of space.
+
+        Raises:
+            InputError: a map of the plane.
+        """
+        from oddsmap.voxels import VoxelMap
+
+        if self.ndim != 3:
+            raise InputError("an OctoMap or a PLY needs a map of space, this one is of the plane")
+        return VoxelMap(*self.known_log_odds(), self.resolution)
+
+    def to_xarray(self, region: Region | None = None) -> xarray.DataArray:
+        """Probabilities with coordinates of the cells' centres [m]; needs the extra `xarray`.
+
+        Raises:
+            ConfigError: xarray is not installed.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise ConfigError("xarray is not installed: pip install 'oddsmap[xarray]'") from None
+        lo, hi = self._region(region)
+        names = ("x", "y", "z")[: self.ndim]
+        axes = {
+            name: (name, (np.arange(a, b) + 0.5) * self.resolution, {"units": "m"})
+            for name, a, b in zip(names, lo, hi, strict=True)
+        }
+        return xarray.DataArray(
+            self.probability(region),
+            dims=names[::-1],
+            coords=axes,
+            name="probability",
+            attrs={"resolution": self.resolution, **self._notes()},
+        )
+
+    def save_ros(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        mode: RosMode = "trinary",
+        force: bool = False,
+    ) -> tuple[Path, Path]:
+        """Write a ROS map_server map: see `oddsmap.export.ros.save_ros`."""
+        from oddsmap.export.ros import save_ros
+
+        return save_ros(
+            self.to_probability_map(),
+            Path(path),
+            mode=mode,
+            thresholds=self.thresholds,
+            force=force,
+        )
+
+    def save_png(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Draw the map: see `oddsmap.plot.picture.save_png`."""
+        from oddsmap.plot.picture import save_png
+
+        save_png(self.to_probability_map(), Path(path), force=force)
+
+    def save_octomap(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        clamp: tuple[float, float] | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write a `.bt` or `.ot`: see `oddsmap.export.octomap_writer.save_octomap`."""
+        self.to_voxels().save_octomap(path, clamp=clamp, thresholds=self.thresholds, force=force)
+
+    def save_ply(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write the occupied cells as points: see `oddsmap.export.ply.save_ply`."""
+        self.to_voxels().save_ply(path, thresholds=self.thresholds, force=force)
+
+    def _notes(self) -> dict[str, object]:
+        """What else a reader of an exported array should know."""
+        return {}
+
+    def _region(self, region: Region | None) -> tuple[IntArray, IntArray]:
+        if region is not None:
+            return np.asarray(region[0], np.int64), np.asarray(region[1], np.int64)
+        bounds = self.bounds()
+        if bounds is None:
+            nothing = np.zeros(self.ndim, np.int64)
+            return nothing, nothing
+        return bounds

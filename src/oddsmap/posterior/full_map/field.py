@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The cells that beams speak of, numbered: sparse blocks of a plane or of space.
+
+What is known of the cells (beliefs, messages between neighbours) lies in arrays of one row a cell,
+block after block, x fastest within a block.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import MapTooLargeError
+
+__all__ = ["CellField", "Window"]
+
+IntArray = npt.NDArray[np.int64]
+
+# The same as an evidence map's tiles.
+_SIDE = {2: 32, 3: 8}
+# Cells have numbers of 31 bits.
+_MOST_CELLS = (1 << 31) - 1
+# A window's table has 4 bytes a block; of more cells than this a beam is too long by mistake.
+_MOST_BLOCKS = 1 << 28
+
+
+class CellField:
+    """Numbers for the cells of the blocks in use, and arrays that grow with them.
+
+    Args:
+        ndim: 2 or 3.
+        start: belief of a cell before any message [1 / NAT].
+
+    Attributes:
+        coords: coordinates of each block in blocks, shape (blocks, d), x first.
+        belief: log odds of each cell [1 / NAT], shape (cells,).
+        told: messages of a cell's neighbours [1 / NAT], shape (cells, 2 d).
+        observed: LISTED or REACHED by beams, or 0, shape (cells,).
+
+    The arrays may be others after `insert` or a window's `number`.
+    """
+
+    def __init__(self, ndim: int, start: int) -> None:
+        self.ndim = ndim
+        self.side = _SIDE[ndim]
+        self.start = start
+        self._number: dict[tuple[int, ...], int] = {}
+        self._rooms: dict[str, npt.NDArray[Any]] = {
+            "coords": np.empty((0, ndim), np.int64),
+            "beside": np.empty((0, 2 * ndim), np.int32),
+            "belief": np.empty(0, np.int64),
+            "told": np.empty((0, 2 * ndim), np.int32),
+            "observed": np.empty(0, np.uint8),
+        }
+        self._show()
+
+    def _show(self) -> None:
+        # The arrays are the used part of rooms that double, so that adding blocks one by one
+        # takes time in proportion to their number.
+        blocks = len(self._number)
+        cells = blocks * self.block_cells
+        self.coords: IntArray = self._rooms["coords"][:blocks]
+        self._beside: npt.NDArray[np.int32] = self._rooms["beside"][:blocks]
+        self.belief: IntArray = self._rooms["belief"][:cells]
+        self.told: npt.NDArray[np.int32] = self._rooms["told"][:cells]
+        self.observed: npt.NDArray[np.uint8] = self._rooms["observed"][:cells]
+
+    @property
+    def block_cells(self) -> int:
+        """Cells of a block."""
+        return int(self.side**self.ndim)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory in use."""
+        return self.belief.nbytes + self.told.nbytes + self.observed.nbytes + self.coords.nbytes
+
+    def insert(self, coords: IntArray) -> npt.NDArray[np.int32]:
+        """Numbers of blocks, made where they are new: coords (n, d) in, shape (n,) out.
+
+        Raises:
+            MapTooLargeError: more than 2^31 cells.
+        """
+        numbers = np.empty(len(coords), np.int32)
+        new = []
+        for i, key in enumerate(map(tuple, coords.tolist())):
+            at = self._number.get(key)
+            if at is None:
+                at = self._number[key] = len(self._number)
+                new.append(key)
+            numbers[i] = at
+        if len(self._number) * self.block_cells > _MOST_CELLS:
+            raise MapTooLargeError(
+                f"full-map estimation holds up to 2^31 cells, the beams reach "
+                f"{len(self._number) * self.block_cells:.1e}: use a coarser resolution, or map a "
+                "part of the log"
+            )
+        if new:
+            self._grow(np.array(new, np.int64))
+        return numbers
+
+    def _grow(self, new: IntArray) -> None:
+        before, blocks = len(self.coords), len(self._number)
+        if blocks > len(self._rooms["coords"]):
+            for name, room in self._rooms.items():
+                rows = 1 if name in ("coords", "beside") else self.block_cells
+                larger = np.empty((max(blocks, 2 * before) * rows, *room.shape[1:]), room.dtype)
+                larger[: before * rows] = room[: before * rows]
+                self._rooms[name] = larger
+        self._show()
+        first = before * self.block_cells
+        self.coords[before:] = new
+        self.belief[first:], self.told[first:], self.observed[first:] = self.start, 0, 0
+        for way in range(2 * self.ndim):
+            step = np.zeros(self.ndim, np.int64)
+            step[way // 2] = 2 * (way % 2) - 1
+            found = self.find(new + step)
+            self._beside[before:, way] = found
+            there = np.flatnonzero(found >= 0)
+            self._beside[found[there], way ^ 1] = before + there
+
+    def find(self, coords: IntArray) -> npt.NDArray[np.int32]:
+        """Numbers of blocks, -1 for those that are not in use."""
+        keys = map(tuple, coords.tolist())
+        return np.array([self._number.get(key, -1) for key in keys], np.int32)
+
+    def beside(self) -> npt.NDArray[np.int32]:
+        """Number of the block on each side of each block, or -1, shape (blocks, 2 d)."""
+        return self._beside
+
+    def index(self, numbers: npt.NDArray[np.integer]) -> IntArray:
+        """Indices of cells in the map, shape (n, d), x first."""
+        block, place = np.divmod(numbers.astype(np.int64), self.block_cells)
+        within = np.stack(np.unravel_index(place, (self.side,) * self.ndim)[::-1], axis=1)
+        return np.asarray(self.coords[block] * self.side + within)
+
+
+class Window:
+    """A box of whole blocks around some beams, in which their cells are listed.
+
+    Args:
+        field: whose blocks the cells are of.
+        lo: first cell that a beam may reach, shape (d,), x first.
+        hi: past the last one, shape (d,).
+
+    Raises:
+        MapTooLargeError: the box has too many blocks.
+    """
+
+    def __init__(self, field: CellField, lo: IntArray, hi: IntArray) -> None:
+        self._field = field
+        first = lo // field.side
+        self._first = first
+        blocks = -(-hi // field.side) - first
+        if np.prod(blocks.astype(np.float64)) > _MOST_BLOCKS:
+            raise MapTooLargeError(
+                f"the beams span {' x '.join(str(int(n)) for n in blocks * field.side)} cells: "
+                "use a coarser resolution, or range_max where a reading is too long"
+            )
+        self.lo = first * field.side
+        self.shape = blocks * field.side
+        """Cells along each axis, x first."""
+        self._blocks = blocks
+        self._strides = np.concatenate([[1], np.cumprod(blocks[:-1])]).astype(np.int64)
+        self._table = np.full(int(blocks.prod()), -1, np.int32)
+        self._found = np.empty(len(self._table), np.int64)
+
+    def number(self, places: npt.NDArray[np.signedinteger]) -> npt.NDArray[np.int32]:
+        """Numbers of cells, given their places in the window (x fastest), shape (n,)."""
+        from oddsmap.kernels.blocks import find_blocks, number_cells
+
+        side = self._field.side
+        shape = (places, self.shape, side, self._strides, self._table)
+        found = self._found[: find_blocks(*shape, self._found)]
+        coords = np.stack(np.unravel_index(found, self._blocks[::-1])[::-1], axis=1) + self._first
+        self._table[found] = self._field.insert(coords)
+        numbers = np.empty(len(places), np.int32)
+        number_cells(*shape, numbers)
+        return numbers

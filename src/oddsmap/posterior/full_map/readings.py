@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scans become beams for the forward model: which readings say something, by the log's rules."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from oddsmap.sensors.beam import BeamSensor, ranges_of
+from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.cone_beams import Beams
+from oddsmap.sensors.kinds import Measurement
+
+__all__ = ["usable_beams"]
+
+
+def usable_beams(
+    scans: Sequence[Measurement], sensor: BeamSensor | ConeSensor
+) -> tuple[Beams, int, Counter[str]]:
+    """The beams of some scans that carry information.
+
+    +Inf is a no-return. A finite reading at or above range_max may as well be a fault: it counts
+    as a no-return only where `clear_range` is set, as in the filter.
+
+    Returns:
+        Beams, of finite range or +Inf; how many scans have any; what was skipped, by reason.
+
+    Raises:
+        InputError: scans of the plane and of space are mixed, or a scan is not of ranges.
+    """
+    taken = ranges_of(scans)
+    beams, skipped = Beams.from_scans(taken)
+    z = beams.ranges
+    range_max = np.inf if sensor.range_max is None else sensor.range_max
+    nothing = np.isnan(z)
+    below = ~nothing & (z < sensor.range_min)
+    over = np.isfinite(z) & (z >= range_max)
+    lost = over if sensor.clear_range is None else np.zeros_like(over)
+    used = ~(nothing | below | lost)
+    skipped["beam.nan"] = int(np.count_nonzero(nothing))
+    skipped["beam.below_range_min"] = int(np.count_nonzero(below))
+    skipped["beam.no_return"] = int(np.count_nonzero(lost))
+    finite = [scan for scan in taken if scan.map_from_sensor.is_finite]
+    whose = np.repeat(np.arange(len(finite)), [scan.size for scan in finite])
+    scan_count = len(np.unique(whose[used]))
+    skipped["scan.empty"] = len(finite) - scan_count
+    kept = Beams(beams.origins[used], beams.directions[used], np.where(over, np.inf, z)[used])
+    return kept, scan_count, +skipped

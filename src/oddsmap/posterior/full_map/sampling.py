@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gibbs sampling and hill climbing over maps: the reference, and the most probable map.
+
+Both work on the same factors as message passing: the beams' forward model and a prior on pairs of
+neighbours. Gibbs sampling is exact in the limit of many sweeps and gives whole maps drawn from the
+joint posterior; hill climbing ends in a map that no single cell can improve.
+
+Source: Geman and Geman, Stochastic relaxation, Gibbs distributions, and the Bayesian restoration of
+images (1984); Besag, On the statistical analysis of dirty pictures (1986); Thrun, Burgard, Fox:
+Probabilistic Robotics (2005), section 9.4 and table 9.3 (hill climbing).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import ConfigError, InputError
+
+if TYPE_CHECKING:
+    from oddsmap.kernels.beam_factor import BeamRows
+    from oddsmap.kernels.first_echo import Noise
+    from oddsmap.kernels.flips import BeamBins, CellRows
+
+__all__ = ["Climb", "FactorGraph", "GibbsSamples", "gibbs", "hill_climb", "log_joint"]
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+State = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FactorGraph:
+    """Cells, the beams that meet them, and the prior: all that the posterior of a map is made of.
+
+    Args:
+        rows: the beams and their cells; their readings carry information.
+        noise: what the sensor adds.
+        detection: chance that an occupied cell wholly in the cone returns the beam, for each cell
+            or one for all, shape (1,).
+        beside: numbers of each cell's neighbours, -1 where there is none, shape (cells, 2 d); a
+            pair of neighbours is listed from both sides.
+        prior: log odds of a cell before its neighbours and beams are looked at, for each cell or
+            one for all, shape (1,).
+        coupling: J of the Ising prior exp(J [m_i = m_j]).
+
+    Raises:
+        InputError: shapes do not fit, or a beam meets a cell that does not exist.
+    """
+
+    rows: BeamRows
+    noise: Noise
+    detection: FloatArray
+    beside: npt.NDArray[np.int32]
+    prior: FloatArray = field(default_factory=lambda: np.zeros(1))
+    coupling: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("detection", "prior"):
+            value = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+            if value.shape not in ((1,), (self.cell_count,)):
+                raise InputError(
+                    f"{name} is one number or one for each of {self.cell_count} cells, got shape "
+                    f"{value.shape}"
+                )
+            object.__setattr__(self, name, value)
+        met = self.rows.cells
+        if len(met) and not (met.min() >= 0 and met.max() < self.cell_count):
+            raise InputError(
+                f"beams meet cells {met.min()} to {met.max()}, but there are {self.cell_count}"
+            )
+
+    @property
+    def cell_count(self) -> int:
+        """How many cells there are."""
+        return len(self.beside)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GibbsSamples:
+    """What Gibbs sampling found.
+
+    Args:
+        probability: marginal p(occupied | z_1:t), the mean of each cell's probabilities given the
+            others (Rao-Blackwellised), shape (cells,).
+        samples: maps drawn from the joint posterior, shape (samples, cells).
+        flip_rate: cells turned over in a sweep, as a share of all; near 0 a chain hardly moves.
+    """
+
+    probability: FloatArray
+    samples: BoolArray
+    flip_rate: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Climb:
+    """Where hill climbing ended.
+
+    Args:
+        occupied: the map, shape (cells,).
+        log_joint: log p(z, m) up to the prior's constant, see `log_joint`; minus the energy.
+        sweeps: how many were made.
+        converged: True where no single cell could raise it further.
+    """
+
+    occupied: BoolArray
+    log_joint: float
+    sweeps: int
+    converged: bool
+
+
+def gibbs(
+    graph: FactorGraph,
+    *,
+    sweeps: int = 100,
+    burn_in: int = 20,
+    seed: int = 0,
+    start: BoolArray | None = None,
+    sample_every: int | None = None,
+) -> GibbsSamples:
+    """Draw maps from the posterior, one cell at a time; the same seed gives the same maps.
+
+    Args:
+        graph: the posterior.
+
+    Other Args:
+        sweeps: how often each cell is drawn and counted.
+        burn_in: sweeps before that, which are forgotten.
+        seed: of the random numbers.
+        start: the map to start from, shape (cells,); None: all free. From a good one (where the
+            belief of message passing is above 1/2) a short burn-in is enough.
+        sample_every: keep every n-th map of the counted sweeps; None: keep none.
+
+    Raises:
+        ConfigError: no sweep, or a negative number of them.
+        InputError: a start of another shape.
+    """
+    from oddsmap.kernels.flips import gibbs_sweep
+
+    if sweeps < 1 or burn_in < 0 or (sample_every is not None and sample_every < 1):
+        raise ConfigError(
+            "Gibbs sampling takes sweeps >= 1, burn_in >= 0 and sample_every >= 1, got "
+            f"{sweeps}, {burn_in} and {sample_every}"
+        )
+    bins, of_cells, state = _begin(graph, start)
+    rng = np.random.default_rng(seed)
+    total = np.zeros(graph.cell_count)
+    kept: list[BoolArray] = []
+    flips = 0
+    for sweep in range(-burn_in, sweeps):
+        if sweep == 0:
+            total[:] = 0.0
+            flips = 0
+        flips += gibbs_sweep(
+            graph.rows, bins, of_cells, graph.detection, graph.beside, graph.prior,
+            float(graph.coupling), rng.random(graph.cell_count), state, total,
+        )  # fmt: skip
+        if sample_every is not None and sweep >= 0 and (sweep + 1) % sample_every == 0:
+            kept.append(state == 1)
+    samples = np.stack(kept) if kept else np.empty((0, graph.cell_count), np.bool_)
+    return GibbsSamples(total / sweeps, samples, flips / sweeps / max(1, graph.cell_count))
+
+
+def hill_climb(
+    graph: FactorGraph, *, start: BoolArray | None = None, max_sweeps: int = 100
+) -> Climb:
+    """Climb to a local maximum of the posterior over maps, one cell at a time.
+
+    Args:
+        graph: the posterior.
+
+    Other Args:
+        start: the map to start from, shape (cells,); None: all free, as in table 9.3. Where the
+            climb ends depends on it: from a belief above 1/2 it ends higher.
+        max_sweeps: when to stop at the latest.
+
+    Raises:
+        ConfigError: no sweep.
+        InputError: a start of another shape.
+    """
+    from oddsmap.kernels.flips import climb_sweep
+
+    if max_sweeps < 1:
+        raise ConfigError(f"hill climbing takes max_sweeps >= 1, got {max_sweeps}")
+    bins, of_cells, state = _begin(graph, start)
+    done, flips = 0, 1
+    while flips and done < max_sweeps:
+        flips = climb_sweep(
+            graph.rows, bins, of_cells, graph.detection, graph.beside, graph.prior,
+            float(graph.coupling), state,
+        )  # fmt: skip
+        done += 1
+    return Climb(state == 1, _log_joint(graph, bins, state), done, flips == 0)
+
+
+def log_joint(graph: FactorGraph, occupied: BoolArray) -> float:
+    """Log p(z, m) of a map, up to the constant of the prior: minus its energy.
+
+    sum over beams of log p(z | m), plus the prior's log odds of the occupied cells, plus the
+    coupling for each pair of equal neighbours.
+
+    Raises:
+        InputError: a map of another shape.
+    """
+    bins, _, state = _begin(graph, occupied)
+    return _log_joint(graph, bins, state)
+
+
+def _begin(graph: FactorGraph, start: BoolArray | None) -> tuple[BeamBins, CellRows, State]:
+    from oddsmap.kernels.flips import (
+        BeamBins,
+        CellRows,
+        count_bins,
+        list_bins,
+        renew_all,
+        turn_rows,
+    )
+
+    rows, cells = graph.rows, graph.cell_count
+    if start is None:
+        state = np.zeros(cells, np.uint8)
+    elif start.shape != (cells,):
+        raise InputError(f"a map of {cells} cells has shape ({cells},), got {start.shape}")
+    else:
+        state = start.astype(np.uint8)
+    beams, count = len(rows.readings), count_bins(rows)
+    bins = BeamBins(
+        np.empty(beams + 1, np.int64), np.empty(count + 1, np.int64), np.empty(count, np.int32),
+        np.empty(count), np.empty(beams), np.empty(count), np.empty(count), np.empty(count),
+        np.empty(beams),
+    )  # fmt: skip
+    list_bins(rows, graph.noise, bins)
+    of_cells = CellRows(
+        np.empty(cells + 1, np.int64),
+        np.empty(len(rows.cells), np.int32),
+        np.empty(len(rows.cells), np.float32),
+    )
+    turn_rows(rows, bins, of_cells)
+    renew_all(rows, bins, graph.detection, state)
+    return bins, of_cells, state
+
+
+def _log_joint(graph: FactorGraph, bins: BeamBins, state: State) -> float:
+    # Each pair of neighbours is listed twice.
+    there = graph.beside >= 0
+    equal = np.count_nonzero(there & (state[graph.beside] == state[:, None])) / 2
+    with np.errstate(divide="ignore"):
+        beams = float(np.sum(np.log(bins.likelihood)))
+    return beams + float(np.sum(graph.prior * state)) + float(graph.coupling) * equal
