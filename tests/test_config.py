@@ -95,7 +95,7 @@ CHANGES: dict[str, dict[str, Any]] = {
         "share_hit": False,
         "angular_falloff": 0.5,
         "range_falloff": 0.5,
-        "fade": 0.5,
+        "pass_falloff": 0.5,
         "p_hit": 0.9,
         "p_miss": 0.45,
         "mark_z_min": 0.5,
@@ -115,10 +115,11 @@ CASES = [(holder, name) for holder, fields in CHANGES.items() for name in fields
 # Fields that may be 0, and fields that may be above 1.
 ZERO = {
     *(("beam", name) for name in ("range_min", "hit_width", "sigma", "fade")),
-    *(("cone", name) for name in ("range_min", "hit_width", "p_random", "p_dropout", "fade")),
+    *(("cone", name) for name in ("range_min", "hit_width", "p_random", "p_dropout")),
     *(("beam", name) for name in ("p_random", "p_dropout")),
     ("cone", "angular_falloff"),
     ("cone", "range_falloff"),
+    ("cone", "pass_falloff"),
     ("posterior", "free"),
 }
 LENGTHS = ("range_min", "range_max", "clear_range", "hit_width")

@@ -28,8 +28,8 @@ CONE = ConeSensor(cone_deg=25.0, range_max=5.0)
 KINDS = [
     ("beam", CONE),
     ("scan", CONE),
-    ("beam", dataclasses.replace(CONE, angular_falloff=0.7, range_falloff=0.4, fade=0.9)),
-    ("scan", dataclasses.replace(CONE, share_hit=False, hit_width=0.6, fade=0.5)),
+    ("beam", dataclasses.replace(CONE, angular_falloff=0.7, range_falloff=0.4, pass_falloff=0.9)),
+    ("scan", dataclasses.replace(CONE, share_hit=False, hit_width=0.6, pass_falloff=0.5)),
 ]
 kinds = st.sampled_from(KINDS)
 seeds = st.integers(0, 10_000)

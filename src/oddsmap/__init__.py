@@ -30,15 +30,26 @@ if TYPE_CHECKING:
     from oddsmap.poses import Pose2, Pose3
     from oddsmap.posterior.changed import changed
     from oddsmap.posterior.decay import DecayRate
+    from oddsmap.posterior.exact import ExactPosterior
+    from oddsmap.posterior.full_map.estimator import build_full_map
+    from oddsmap.posterior.full_map.online import OnlineFullMap
+    from oddsmap.posterior.full_map.settings import FullMapConfig
+    from oddsmap.posterior.full_map.store import load_full_map
+    from oddsmap.posterior.full_map.view import FullMap
     from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.probability_map import ProbabilityMap, State, Thresholds
     from oddsmap.projection import project
     from oddsmap.readers import open_log
     from oddsmap.scan import Log, Scan
+    from oddsmap.scoring.truth import evaluate
     from oddsmap.sensors.beam import BeamSensor
     from oddsmap.sensors.cone import ConeSensor
+    from oddsmap.sensors.cone_beams import Beams
+    from oddsmap.sensors.forward import ForwardModel
     from oddsmap.sensors.overhead import GridScan, OverheadSensor
+    from oddsmap.sensors.window import Window
     from oddsmap.store import load_map
     from oddsmap.voxels import VoxelMap
 
@@ -46,10 +57,15 @@ __version__ = "0.1.0"
 
 __all__ = [
     "BeamSensor",
+    "Beams",
     "ConeSensor",
     "ConfigError",
     "DecayRate",
     "EvidenceMap",
+    "ExactPosterior",
+    "ForwardModel",
+    "FullMap",
+    "FullMapConfig",
     "GridScan",
     "InputError",
     "LandmarkMap",
@@ -57,20 +73,26 @@ __all__ = [
     "LogOdds",
     "MapTooLargeError",
     "OddsmapError",
+    "OnlineFullMap",
     "OutputError",
     "OverheadSensor",
     "Pose2",
     "Pose3",
+    "PriorArray",
     "ProbabilityMap",
     "Reflection",
     "Scan",
     "State",
     "Thresholds",
     "VoxelMap",
+    "Window",
     "__version__",
     "add_scans",
+    "build_full_map",
     "build_map",
     "changed",
+    "evaluate",
+    "load_full_map",
     "load_map",
     "load_octomap",
     "load_ros",
@@ -81,10 +103,15 @@ __all__ = [
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
 _HOME = {
     "BeamSensor": "sensors.beam",
+    "Beams": "sensors.cone_beams",
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
     "DecayRate": "posterior.decay",
     "EvidenceMap": "evidence",
+    "ExactPosterior": "posterior.exact",
+    "ForwardModel": "sensors.forward",
+    "FullMap": "posterior.full_map.view",
+    "FullMapConfig": "posterior.full_map.settings",
     "GridScan": "sensors.overhead",
     "InputError": "errors",
     "LandmarkMap": "landmarks.landmark_map",
@@ -92,19 +119,25 @@ _HOME = {
     "LogOdds": "posterior.log_odds",
     "MapTooLargeError": "errors",
     "OddsmapError": "errors",
+    "OnlineFullMap": "posterior.full_map.online",
     "OutputError": "errors",
     "OverheadSensor": "sensors.overhead",
     "Pose2": "poses",
     "Pose3": "poses",
+    "PriorArray": "posterior.prior",
     "ProbabilityMap": "probability_map",
     "Reflection": "posterior.reflection",
     "Scan": "scan",
     "State": "probability_map",
     "Thresholds": "probability_map",
     "VoxelMap": "voxels",
+    "Window": "sensors.window",
     "add_scans": "integrate",
+    "build_full_map": "posterior.full_map.estimator",
     "build_map": "integrate",
     "changed": "posterior.changed",
+    "evaluate": "scoring.truth",
+    "load_full_map": "posterior.full_map.store",
     "load_map": "store",
     "load_octomap": "export.octomap_reader",
     "load_ros": "export.ros_reader",

@@ -203,7 +203,7 @@ def test_directory_and_missing_file(run: Run, tmp_path: Path) -> None:
         (["--set", "sensor.range_max=far"], "is a number"),
         (["--set", "nonsense"], "section.field=value"),
         (["--sensor", "sonar"], "cone_deg"),
-        (["--estimator", "full-map"], "not available"),
+        (["--sweeps", "3"], "--estimator full-map"),
         (["--poses", "poses.txt"], "has poses"),
         (["--sensor", "lidar3d"], "the logs are of lidar2d"),
         (["--method", "projective"], "is for depth images"),
@@ -223,7 +223,7 @@ def test_settings_that_do_not_fit(
 def test_a_failure_while_writing_keeps_the_old_map(
     run: Run, office: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from oddsmap.evidence import EvidenceMap
+    from oddsmap.tiles import TileStore
 
     out = tmp_path / "x.zarr"
     run("build", office, "--resolution", 0.2, "-o", out)
@@ -232,7 +232,7 @@ def test_a_failure_while_writing_keeps_the_old_map(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(EvidenceMap, "region_units", full)
+    monkeypatch.setattr(TileStore, "region", full)
     line = run("build", office, "--resolution", 0.1, "-o", out, "--force").line
     assert "No space left" in line
     assert folder_bytes(out) == before
@@ -264,9 +264,6 @@ def test_npz_beam_log(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "x.zarr"
     facts = run("build", tmp_path / "beams.npz", "--resolution", 1, "-o", out, "--json").json
     assert (facts["scans"], facts["beams"], facts["hits"]) == (1, 2, 1)
-    np.savez(tmp_path / "cones.npz", beams=beams, cone_deg=25.0, range_max=5.0)
-    line = run("build", tmp_path / "cones.npz", "--resolution", 1, "-o", tmp_path / "y.zarr").line
-    assert "cone" in line
 
 
 def test_a_folder_of_clouds(run: Run, tmp_path: Path) -> None:

@@ -65,6 +65,24 @@ def test_both_names_stand_for_cones(run: Run, sonar: Path, tmp_path: Path, name:
     assert oddsmap.load_map(tmp_path / "m.zarr").sensor.kind == "cone"
 
 
+@pytest.mark.parametrize("name", ["lidar2d", "lidar3d", "depth", "overhead"])
+def test_other_names_would_lose_the_width(run: Run, sonar: Path, tmp_path: Path, name: str) -> None:
+    words = ("build", sonar, "--resolution", 0.1, "-o", tmp_path / "m.zarr", "--sensor", name)
+    said = run(*words).line
+    assert said.startswith(f"{sonar}: beams are 25 degrees wide, --sensor {name} would lose that")
+    assert not (tmp_path / "m.zarr").exists()
+
+
+def test_the_axes_alone_when_asked_for(run: Run, sonar: Path, tmp_path: Path) -> None:
+    words = ("build", sonar, "--resolution", 0.1, "-o", tmp_path / "m.zarr")
+    done = run(*words, "--set", "sensor.kind=beam")
+    assert done.status == 0
+    assert "beams are 25 degrees wide, sensor.kind beam maps their axes alone" in done.out
+    assert oddsmap.load_map(tmp_path / "m.zarr").sensor.kind == "beam"
+    done = run(*words[:-1], tmp_path / "cones.zarr")
+    assert "degrees wide" not in done.out
+
+
 def test_a_lidar_log_is_no_sonar_unless_told_its_angle(
     run: Run, office: Path, tmp_path: Path
 ) -> None:
@@ -77,7 +95,9 @@ def test_a_lidar_log_is_no_sonar_unless_told_its_angle(
 
 def test_settings(run: Run, sonar: Path, tmp_path: Path) -> None:
     """The textbook's cone: one full hit to every cell of the arc."""
-    settings = ("share_hit=false", "cone_deg=30", "p_hit=0.7006", "p_miss=0.4013", "fade=0.5")
+    settings = (
+        "share_hit=false", "cone_deg=30", "p_hit=0.7006", "p_miss=0.4013", "pass_falloff=0.5"
+    )  # fmt: skip
     words = [word for setting in settings for word in ("--set", f"sensor.{setting}")]
     done = run("build", sonar, "--resolution", 0.1, "-o", tmp_path / "m.zarr", "--json", *words)
     sensor = oddsmap.load_map(tmp_path / "m.zarr").sensor
@@ -91,7 +111,8 @@ def test_settings(run: Run, sonar: Path, tmp_path: Path) -> None:
     [
         ("sensor.cone=20", 'no field of [sensor] of kind cone is called "cone"; did you mean'),
         ("sensor.cone_deg=181", "up to 180 degrees, got 181"),
-        ("sensor.fade=2", "sensor.fade lies between 0 and 1, got 2"),
+        ("sensor.fade=2", 'no field of [sensor] of kind cone is called "fade"'),
+        ("sensor.pass_falloff=2", "sensor.pass_falloff lies between 0 and 1, got 2"),
         ("sensor.share_hit=1", "sensor.share_hit is true or false, got 1"),
     ],
 )
@@ -99,6 +120,22 @@ def test_wrong_settings(run: Run, sonar: Path, tmp_path: Path, setting: str, mes
     out = tmp_path / "m.zarr"
     assert message in run("build", sonar, "--resolution", 0.1, "-o", out, "--set", setting).line
     assert not out.exists()
+
+
+def test_sonar_of_a_world_that_changes(run: Run, sonar: Path, tmp_path: Path) -> None:
+    """A log with stamps forgets; one without says what it lacks."""
+    with np.load(sonar) as file:
+        arrays = dict(file)
+    stamps = np.arange(24) // 6 * 10 * 10**9  # four scans, ten seconds apart
+    stamped = tmp_path / "stamped.npz"
+    np.savez(stamped, stamp_ns=stamps, **arrays)
+    words = ("--resolution", 0.1, "--json", "--set", "map.half_life=10")
+    done = run("build", stamped, "-o", tmp_path / "m.zarr", *words)
+    assert done.status == 0
+    # Five hits a scan; those of the last weigh 1, those before half of it, and so on. Each cell's
+    # share of a hit is rounded to 1/65536.
+    assert done.json["hits"] == pytest.approx(5 * (1 + 1 / 2 + 1 / 4 + 1 / 8), abs=0.01)
+    assert "a scan has no stamp" in run("build", sonar, "-o", tmp_path / "n.zarr", *words).line
 
 
 def test_info_says_how_wide_beams_are(run: Run, sonar: Path, tof: Path) -> None:

@@ -11,6 +11,7 @@ from PIL import Image
 
 import oddsmap
 from tests.cli.conftest import Run
+from tests.kit import fan_scan
 
 REFLECTION = ("--posterior", "reflection")
 
@@ -171,7 +172,7 @@ def test_votes_of_scans_are_warned_of(run: Run, folder: Path, tmp_path: Path) ->
         (("hall.zarr", "m.yaml", *REFLECTION, "--mode", "trinary"), "no state"),
         (("hall.zarr", "m.ply", *REFLECTION), "written as .png, .npz or .yaml"),
         (("space.zarr", "m.png", *REFLECTION), "its reflectivity as .npz"),
-        (("before.bt", "m.npz", *REFLECTION), "an OctoMap has no counts"),
+        (("before.bt", "m.npz", *REFLECTION), "needs hits and passes"),
         (("hall.zarr", "m.png", "--mode", "raw"), "--mode says how a ROS map is written"),
     ],
 )  # fmt: skip
@@ -194,3 +195,26 @@ def test_an_unknown_choice_is_a_usage_error(run: Run, folder: Path, tmp_path: Pa
     done = run("export", folder / "hall.zarr", tmp_path / "m.png", *words)
     assert done.status == 2
     assert "interval-width" in done.err
+
+
+def test_decay_rates(run: Run, tmp_path: Path) -> None:
+    scan = fan_scan(0.05, 0.05, 0.0, [1.0, 1.2, 0.7, 2.0], step=0.4)
+    grid = oddsmap.build_map([scan], 0.1, votes="beam", path_lengths=True)
+    grid.save(tmp_path / "m.zarr")
+    words = ("export", tmp_path / "m.zarr")
+    decay = ("--posterior", "decay")
+    assert run(*words, tmp_path / "a.npz", *decay, "--level", 0.5).status == 0
+    with np.load(tmp_path / "a.npz") as arrays:
+        index, shape, rate = grid.decay_rate().cells()
+        assert np.array_equal(arrays["index"], index)
+        assert np.allclose(arrays["mean"], shape / rate)
+    assert run(*words, tmp_path / "a.png", *decay, "--show", "p-pass").status == 0
+    for options, said in (
+        ((*decay, "--show", "p-above"), "belongs to --posterior reflection"),
+        ((*decay, "--level", 0.5), "--level changes .npz"),
+        ((*decay, "--prior", 0.5), "--prior belongs to --posterior log-odds"),
+        ((*REFLECTION, "--show", "p-pass"), "belongs to --posterior decay"),
+    ):
+        assert said in run(*words, tmp_path / "b.png", *options).line
+    assert "as .png or .npz" in run(*words, tmp_path / "b.yaml", *decay).line
+    assert not list(tmp_path.glob("b.*"))

@@ -41,9 +41,7 @@ def test_moments_of_the_mixture(a: float, b: float, mu0: float, mu1: float) -> N
     w = mu1 * a / (mu1 * a + mu0 * b)
     parts = [scipy.stats.beta(a + 1, b), scipy.stats.beta(a, b + 1)]
     mean = w * parts[0].mean() + (1 - w) * parts[1].mean()
-    square = sum(
-        c * (p.var() + p.mean() ** 2) for c, p in zip((w, 1 - w), parts, strict=True)
-    )
+    square = sum(c * (p.var() + p.mean() ** 2) for c, p in zip((w, 1 - w), parts, strict=True))
     got = scipy.stats.beta(*beta_update(a, b, mu0, mu1))
     assert got.mean() == pytest.approx(mean, rel=1e-9)
     assert got.var() == pytest.approx(square - mean * mean, rel=1e-6)
@@ -90,7 +88,7 @@ def test_beams_in_turn(
         q = tuple(slow[c][0] / sum(slow[c]) for c in cells)
         for i, cell in enumerate(cells):
             mu0, mu1 = (mu(model, some[n], q, i, m, detection) for m in (0, 1))
-            slow[cell] = beta_update(*slow[cell], mu0, mu1)
+            slow[cell] = beta_update(slow[cell][0], slow[cell][1], mu0, mu1)
     filter_beams(rows_of(some), order, model.noise(RESOLUTION), detection, a, b)
     np.testing.assert_allclose(np.stack([a, b], axis=1), slow, rtol=1e-6)
 

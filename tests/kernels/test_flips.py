@@ -10,18 +10,16 @@ import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
-from oddsmap.kernels.beam_factor import BeamRows
-from oddsmap.kernels.flips import (
+from oddsmap.kernels.beam_bins import (
     BeamBins,
     CellRows,
-    climb_sweep,
-    conditional,
     count_bins,
-    gibbs_sweep,
     list_bins,
     renew_all,
     turn_rows,
 )
+from oddsmap.kernels.beam_factor import BeamRows
+from oddsmap.kernels.flips import climb_sweep, conditional, gibbs_sweep
 from oddsmap.sensors.forward import ForwardModel
 from tests.naive.beam_factor import (
     RESOLUTION,

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oddsmap.kernels.beam_factor import NAT
-from oddsmap.kernels.ising import pass_to_neighbours
+from oddsmap.kernels.ising import pass_from_blocks, pass_to_neighbours
 
 SIDE, BLOCKS = 3, 2
 LENGTH = SIDE * BLOCKS
@@ -23,8 +23,8 @@ def enumerated(log_odds: list[float], strength: float) -> list[float]:
     """Marginal log odds of each cell of a chain, over all its maps."""
     total = np.zeros((2, len(log_odds)))
     for m in product((0, 1), repeat=len(log_odds)):
-        equal = sum(one == other for one, other in zip(m, m[1:], strict=False))
-        weight = math.exp(strength * equal + sum(l for l, x in zip(log_odds, m, strict=True) if x))
+        equal = sum(one == other for one, other in pairwise(m))
+        weight = math.exp(strength * equal + sum(o * x for o, x in zip(log_odds, m, strict=True)))
         for i, x in enumerate(m):
             total[x, i] += weight
     return [float(x) for x in np.log(total[1] / total[0])]
@@ -99,3 +99,22 @@ def test_certain_neighbours_say_at_most_the_strength() -> None:
     messages = np.zeros((3, 2), np.int32)
     pass_to_neighbours(np.full((1, 2), -1, np.int32), 3, 1, 0.8, belief, messages)
     np.testing.assert_allclose(messages[1] / NAT, [0.8, -0.8], atol=1e-6)
+
+
+def test_some_blocks_tell_theirs_alone() -> None:
+    """All blocks in turn are the whole pass; one of them moves only what its cells tell."""
+    cells = SIDE**2
+    start = np.random.default_rng(0).integers(-2 * NAT, 2 * NAT, 2 * cells)
+    whole, parts, first = start.copy(), start.copy(), start.copy()
+    told = np.zeros((3, 2 * cells, 4), np.int32)
+    moved = pass_to_neighbours(joined(2), SIDE, 2, 0.4, whole, told[0])
+    for blocks in ([0], [1]):
+        moved -= pass_from_blocks(np.array(blocks), joined(2), SIDE, 2, 0.4, parts, told[1])
+    assert moved == 0
+    np.testing.assert_array_equal(parts, whole)
+    np.testing.assert_array_equal(told[1], told[0])
+    pass_from_blocks(np.array([0]), joined(2), SIDE, 2, 0.4, first, told[2])
+    # Block 1 lies above block 0 along y: its first row alone is told something, from below.
+    assert (told[2, cells : cells + SIDE, 2] != 0).all()
+    told[2, cells : cells + SIDE, 2] = 0
+    assert not told[2, cells:].any()

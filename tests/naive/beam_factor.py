@@ -57,9 +57,7 @@ def mu(
     total = 0.0
     for m in product((0, 1), repeat=len(q)):
         if m[i] == m_i:
-            weight = math.prod(
-                q[j] if m[j] else 1.0 - q[j] for j in range(len(q)) if j != i
-            )
+            weight = math.prod(q[j] if m[j] else 1.0 - q[j] for j in range(len(q)) if j != i)
             total += weight * given_map(model, beam, m, detection)
     return total
 

@@ -69,7 +69,7 @@ def cone_votes(
     votes: dict[Cell, tuple[int, int]] = {}
     for cell, r, weight in cells:
         if r < near:
-            faded = 1.0 - sensor.fade * ((r / reach) * (r / reach))
+            faded = 1.0 - sensor.pass_falloff * ((r / reach) * (r / reach))
             votes[cell] = (0, round(ONE * (weight * faded)))
     if hit:
         arc = [(cell, weight) for cell, r, weight in cells if near <= r <= far]

@@ -38,7 +38,7 @@ def world(seed: int = 0, beam_count: int = 5) -> tuple[FactorGraph, ExactPosteri
 
 
 def graph_of(beams: Beams) -> FactorGraph:
-    (_, listed), = MODEL.cells(beams, 0.1, [0, 0], SHAPE)
+    ((_, listed),) = MODEL.cells(beams, 0.1, [0, 0], SHAPE)
     rows = BeamRows(
         beams.ranges, listed.offsets, listed.cells.astype(np.int32),
         listed.bins.astype(np.uint16), listed.fractions,
@@ -90,9 +90,7 @@ def test_conditional_means_vary_less_than_counts() -> None:
 
 def test_a_seed_gives_the_same_maps_again() -> None:
     graph, _ = world()
-    one, same, other = (
-        gibbs(graph, sweeps=50, seed=seed, sample_every=10) for seed in (3, 3, 4)
-    )
+    one, same, other = (gibbs(graph, sweeps=50, seed=seed, sample_every=10) for seed in (3, 3, 4))
     np.testing.assert_array_equal(one.probability, same.probability)
     np.testing.assert_array_equal(one.samples, same.samples)
     assert (one.probability != other.probability).any()

@@ -125,6 +125,36 @@ def test_a_scan_at_two_positions_is_named(tmp_path: Path) -> None:
     assert "give beams" in message
 
 
+@pytest.mark.parametrize("kind", ["int64", "uint64"])
+def test_stamps(tmp_path: Path, kind: str) -> None:
+    """Beams of one place are scans of their own where their times differ."""
+    standing = np.repeat(BEAMS[:1], 5, axis=0)
+    standing[2, 0] = np.nan
+    stamps = np.array([5, 5, 6, 7, 5], kind) + np.array(10**18, kind)
+    log = read(tmp_path, beams=standing, stamp_ns=stamps)
+    assert [(scan.stamp_ns, scan.size) for scan in log] == [
+        (10**18 + 5, 2),
+        (10**18 + 7, 1),
+        (10**18 + 5, 1),
+    ]
+    assert all(type(scan.stamp_ns) is int for scan in log)
+    # Given numbers, beams of one scan lie anywhere in the file.
+    log = read(tmp_path, beams=standing, stamp_ns=stamps, scan=np.array([2, 2, 9, 1, 2]))
+    assert [(scan.stamp_ns, scan.size) for scan in log] == [(10**18 + 5, 3), (10**18 + 7, 1)]
+    cone = np.array([[0, 0, 0, 1, 0, 0, 2], [0, 0, 0, 0, 1, 0, 2]], float)
+    (scan,) = read(tmp_path, beams=cone, stamp_ns=np.array([3, 3], kind))
+    assert scan.stamp_ns == 3
+
+
+def test_a_scan_of_two_stamps_is_named(tmp_path: Path) -> None:
+    same = np.repeat(BEAMS[:1], 3, axis=0)
+    numbers, stamps = np.array([4, 3, 3]), np.array([1, 2, 7])
+    assert refused(tmp_path, beams=same, scan=numbers, stamp_ns=stamps) == (
+        "scan 3 has beams of two stamps, 2 and 7 ns: give beams of different times different "
+        "numbers"
+    )
+
+
 def test_beams_without_pose_or_heading_are_counted(tmp_path: Path) -> None:
     beams = np.repeat(BEAMS[:1], 6, axis=0)
     beams[1, 0] = np.nan
@@ -210,6 +240,8 @@ def test_a_scan_of_space_at_two_positions_is_named(tmp_path: Path) -> None:
         ({"beams": np.full((2, 4), None)}, "an array in the NPZ file cannot be read"),
         ({"beams": BEAMS, "scan": np.zeros(3, int)}, "`scan` holds int64 of shape (3,)"),
         ({"beams": BEAMS, "scan": np.zeros(4)}, "`scan` holds float64 of shape (4,)"),
+        ({"beams": BEAMS, "stamp_ns": np.zeros(3, int)}, "`stamp_ns` holds int64 of shape (3,)"),
+        ({"beams": BEAMS, "stamp_ns": np.zeros(4)}, "`stamp_ns` holds float64 of shape (4,)"),
         ({"beams": BEAMS, "range_max": [1.0, 2.0]}, "`range_max` holds float64 of shape (2,)"),
         ({"beams": BEAMS, "range_max": "far"}, "`range_max` holds <U3"),
         ({"beams": BEAMS, "range_max": 0.0}, "`range_max` is 0: it must be positive"),

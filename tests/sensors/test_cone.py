@@ -38,7 +38,7 @@ def sensors(draw: st.DrawFn) -> ConeSensor:
         share_hit=draw(st.booleans()),
         angular_falloff=draw(parts),
         range_falloff=draw(parts),
-        fade=draw(parts),
+        pass_falloff=draw(parts),
     )
 
 
@@ -113,7 +113,7 @@ def test_sensor_and_sides_on_the_lattice(
 
 @pytest.mark.parametrize("resolution", [0.05, 0.1])
 def test_in_metres(resolution: float) -> None:
-    sensor = ConeSensor(cone_deg=25.0, range_max=2.0, hit_width=0.15, fade=0.5)
+    sensor = ConeSensor(cone_deg=25.0, range_max=2.0, hit_width=0.15, pass_falloff=0.5)
     rng = np.random.default_rng(5)
     for _ in range(30):
         x, y, theta, heading, reading = rng.uniform(-2.0, 2.0, 5)
@@ -160,8 +160,8 @@ def test_falloffs() -> None:
     assert votes(angular_falloff=1.0)[2, 0] == (0, ONE)
     assert votes(range_falloff=1.0)[2, 0] == (0, round(ONE * 0.75))
     assert votes(range_falloff=1.0)[4, 0] == (ONE // 2, 0)
-    assert votes(fade=1.0)[2, 0] == (0, round(ONE * 0.75))
-    assert votes(fade=1.0)[4, 0] == (ONE, 0)
+    assert votes(pass_falloff=1.0)[2, 0] == (0, round(ONE * 0.75))
+    assert votes(pass_falloff=1.0)[4, 0] == (ONE, 0)
     off = math.atan2(1, 4) / math.radians(45)
     assert votes(angular_falloff=1.0)[4, 1] == (round(ONE * (1 - off**2)), 0)
 
@@ -264,7 +264,7 @@ def test_what_does_not_fit_is_refused() -> None:
         ({"cone_deg": math.nan}, "got nan"),
         ({"cone_deg": 20.0, "range_max": -1.0}, r"sensor\.range_max is a length above 0 m"),
         ({"cone_deg": 20.0, "p_hit": 0.4}, r"sensor\.p_hit lies between"),
-        ({"cone_deg": 20.0, "fade": 1.5}, r"sensor\.fade lies between 0 and 1, got 1\.5"),
+        ({"cone_deg": 20.0, "pass_falloff": 1.5}, r"sensor\.pass_falloff lies .* 1, got 1\.5"),
         ({"cone_deg": 20.0, "range_falloff": 0.5}, r"got 0\.5 without sensor\.range_max"),
         ({"cone_deg": 20.0, "p_random": 0.6, "p_dropout": 0.4}, r"got 0\.6 \+ 0\.4"),
         ({"cone_deg": 20.0, "sigma": 0.0}, r"sensor\.sigma is a length above"),

@@ -14,6 +14,7 @@ import typer
 from oddsmap.cli.settings import (
     SENSORS,
     Layer,
+    check_width,
     doubts,
     names_of,
     read_camera,
@@ -149,6 +150,8 @@ def build(
         for path in logs
     ]
     read_s = time.perf_counter() - started
+    for log in opened:
+        check_width(log, sensor)
     configs = [resolved(layers, log) for log in opened]
     kinds = {sensor_name(log, settled) for log, settled in zip(opened, configs, strict=True)}
     if len(kinds) > 1 or (sensor is not None and sensor not in names_of(min(kinds))):

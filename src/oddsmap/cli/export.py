@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+
+from oddsmap.cli.views import flag, write_decay, write_reflection
 
 if TYPE_CHECKING:
     from oddsmap.posterior.belief import Belief
@@ -58,7 +59,7 @@ def export(
         ),
     ] = None,
     posterior: Annotated[
-        str, typer.Option(metavar="NAME", help="Which view: log-odds or reflection.")
+        str, typer.Option(metavar="NAME", help="Which view: log-odds, reflection or decay.")
     ] = "log-odds",
     prior: Annotated[
         str | None,
@@ -84,11 +85,13 @@ def export(
         typer.Option(metavar="P P", help="Bounds of p in an .ot; OctoMap's own: 0.1192 0.971."),
     ] = None,
     show: Annotated[
-        Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-above"] | None,
-        typer.Option(help="Reflection: what the picture shows; by default the mean."),
+        Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-above", "p-pass"]
+        | None,
+        typer.Option(help="Reflection, decay: what the picture shows; by default the mean."),
     ] = None,
     level: Annotated[
-        float | None, typer.Option(metavar="P", help="Reflection: mass of the interval, 0.95.")
+        float | None,
+        typer.Option(metavar="P", help="Reflection, decay: mass of the interval, 0.95."),
     ] = None,
     interval: Annotated[
         Literal["equal-tailed", "highest-density"] | None,
@@ -124,7 +127,7 @@ def export(
         if name not in options:
             owners = [view for view, (_, theirs) in _POSTERIORS.items() if name in theirs]
             raise ConfigError(
-                f"{_flag(name)} belongs to --posterior {' or '.join(owners)}, not to {posterior}"
+                f"{flag(name)} belongs to --posterior {' or '.join(owners)}, not to {posterior}"
             )
     suffix = output.suffix.lower()
     if suffix not in _SUFFIXES:
@@ -171,57 +174,6 @@ def _write_log_odds(source: Path, output: Path, given: _Options, force: bool) ->
     return [output]
 
 
-def _write_reflection(source: Path, output: Path, given: _Options, force: bool) -> list[Path]:
-    from oddsmap.errors import ConfigError
-    from oddsmap.export.octomap_reader import is_octomap
-    from oddsmap.posterior.full_map.store import is_full_map
-    from oddsmap.posterior.reflection import Reflection
-    from oddsmap.store import load_map
-
-    suffix = output.suffix.lower()
-    if suffix in _OF_SPACE:
-        raise ConfigError(f"{output}: a reflection map is written as .png, .npz or .yaml")
-    if "show" in given and suffix != ".png":
-        raise ConfigError(f"--show says what a .png shows, not {output.name}")
-    _check_uses(given, output)
-    if is_octomap(source) or is_full_map(source):
-        raise ConfigError(f"{source}: a reflection map needs hits and passes, this map has none")
-    names = {
-        "beta_a": "a", "beta_b": "b", "threshold": "threshold", "level": "level", "interval": "kind"
-    }  # fmt: skip
-    arguments = {names[name]: value for name, value in given.items() if name in names}
-    grid = load_map(source)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        view = Reflection(grid, **arguments)
-    for warning in caught:
-        typer.echo(f"oddsmap: warning: {warning.message}", err=True)
-    if suffix == ".npz":
-        view.save_npz(output, force=force)
-    elif suffix == ".png":
-        view.save_png(output, show=given.get("show", "mean"), force=force)
-    else:
-        return list(view.save_ros(output, mode=given.get("mode", "scale"), force=force))
-    return [output]
-
-
-def _check_uses(given: _Options, output: Path) -> None:
-    """Refuse an option of the reflection view that would change nothing in this output."""
-    from oddsmap.errors import ConfigError
-
-    suffix, show = output.suffix.lower(), given.get("show", "mean")
-    interval = suffix == ".npz" or (
-        suffix == ".png" and show in ("interval-width", "lower", "upper")
-    )
-    for name, used, where in (
-        ("level", interval, ".npz and --show interval-width, lower or upper"),
-        ("interval", interval, ".npz and --show interval-width, lower or upper"),
-        ("threshold", suffix == ".png" and show == "p-above", "--show p-above"),
-    ):
-        if name in given and not used:
-            raise ConfigError(f"{_flag(name)} changes {where} alone, not {output.name}")
-
-
 _Writer = Callable[[Path, Path, _Options, bool], list[Path]]
 
 # Each view: what writes it, and the options that it knows.
@@ -231,14 +183,11 @@ _POSTERIORS: dict[str, tuple[_Writer, frozenset[str]]] = {
         frozenset({"mode", "prior", "p_hit", "p_miss", "z_min", "z_max", "ground", "clamp"}),
     ),
     "reflection": (
-        _write_reflection,
+        write_reflection,
         frozenset({"mode", "show", "level", "interval", "threshold", "beta_a", "beta_b"}),
     ),
+    "decay": (write_decay, frozenset({"show", "level"})),
 }
-
-
-def _flag(name: str) -> str:
-    return "--" + name.replace("_", "-")
 
 
 def _open(

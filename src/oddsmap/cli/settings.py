@@ -16,6 +16,7 @@ __all__ = [
     "SENSORS",
     "Layer",
     "Layers",
+    "check_width",
     "doubts",
     "names_of",
     "read_camera",
@@ -57,15 +58,36 @@ def names_of(kind: str) -> tuple[str, ...]:
     return ("sonar", "tof") if kind in ("sonar", "tof") else (kind,)
 
 
+def check_width(log: Log, sensor: str | None) -> None:
+    """Refuse the name of another sensor for wide beams: their width would be lost.
+
+    Raises:
+        ConfigError: --sensor does not stand for cones, and the log's beams are.
+    """
+    from oddsmap.errors import ConfigError
+
+    width = log.sensor.get("cone_deg")
+    if width is None or sensor is None or SENSORS[sensor] == "cone":
+        return
+    raise ConfigError(
+        f"{log.path}: beams are {width:g} degrees wide, --sensor {sensor} would lose that: leave "
+        "it out, or say sonar or tof (--set sensor.kind=beam maps their axes alone)"
+    )
+
+
 def doubts(log: Log, settled: Config) -> list[str]:
     """What a person should know of settings that do not fit the log."""
+    found = []
+    width = log.sensor.get("cone_deg")
+    if width is not None and settled.sensor.kind == "beam":
+        found.append(f"beams are {width:g} degrees wide, sensor.kind beam maps their axes alone")
     said, given = log.sensor.get("range_max"), getattr(settled.sensor, "range_max", None)
-    if said is None or given is None or given <= said:
-        return []
-    return [
-        f"range_max {given:g} is above the {said:g} m that this log writes where nothing was seen: "
-        "such readings now count as obstacles"
-    ]
+    if said is not None and given is not None and given > said:
+        found.append(
+            f"range_max {given:g} is above the {said:g} m that this log writes where nothing was "
+            "seen: such readings now count as obstacles"
+        )
+    return found
 
 
 def _numbers(option: str, text: str, names: str) -> list[float]:

@@ -61,7 +61,7 @@ class ConeModel(NamedTuple):
     angular_falloff: float
     range_falloff: float
     """By how much a weight is less for each cell of range."""
-    fade: float
+    pass_falloff: float
     share: bool
 
 
@@ -130,7 +130,7 @@ def _at_range(model: ConeModel, r: float) -> float:
 
 @inlined
 def _pass_units(model: ConeModel, weight: float, r: float, reach: float) -> int:
-    faded = 1.0 - model.fade * ((r / reach) * (r / reach))
+    faded = 1.0 - model.pass_falloff * ((r / reach) * (r / reach))
     return np.int64(np.rint(ONE * (weight * faded)))
 
 

@@ -4,7 +4,8 @@
 | key | |
 |---|---|
 | `beams` | of the plane, (n, 4): sensor x, y [m], heading of the beam [rad], range [m]; of space, (n, 7): sensor x, y, z [m], direction of the beam x, y, z (a unit vector), range [m] |
-| `scan` | (n,) integers, optional: beams of equal number are one scan; without it, consecutive beams of equal position are |
+| `scan` | (n,) integers, optional: beams of equal number are one scan; without it, consecutive beams of equal position and stamp are |
+| `stamp_ns` | (n,) whole numbers, optional: time of each beam [ns]; those of one scan are equal |
 | `range_max` | [m], optional: a range at or above it is "nothing seen" |
 | `cone_deg` | full opening angle [deg], optional: absent or up to 1 degree is a narrow beam |
 | `p_random`, `p_dropout` | rates of random readings and of dropouts, optional |
@@ -65,18 +66,21 @@ def open_npz_beams(source: Source) -> LoadedLog:
 
     Returns:
         One scan for each position or scan number, with the beams' directions in the map frame:
-        every sensor pose is without rotation. Ranges at or above `range_max` are +Inf. `sensor`
-        holds `range_max`, `p_random` and `p_dropout` where the file does, and `cone_deg` where
-        beams are wider than 1 degree.
+        every sensor pose is without rotation. Scans have stamps where the file has. Ranges at or
+        above `range_max` are +Inf. `sensor` holds `range_max`, `p_random` and `p_dropout` where
+        the file does, and `cone_deg` where beams are wider than 1 degree.
 
     Raises:
         InputError: a corrupt file, a missing or misshapen array, a direction that is no unit
-            vector, a scan at two positions, or no usable beam.
+            vector, a scan at two positions or of two stamps, or no usable beam.
     """
     path = source.path
-    arrays = load_arrays(source, ("beams", "scan", *_INTERVALS), "beams", f"write {_LAYOUTS}")
+    arrays = load_arrays(
+        source, ("beams", "scan", "stamp_ns", *_INTERVALS), "beams", f"write {_LAYOUTS}"
+    )
     beams = _check_beams(path, arrays)
-    scan_ids = _check_scan_ids(path, arrays, len(beams))
+    scan_ids = _check_whole_numbers(path, arrays, "scan", len(beams))
+    stamps = _check_whole_numbers(path, arrays, "stamp_ns", len(beams))
     scalars = {key: _read_scalar(path, key, arrays[key]) for key in _INTERVALS if key in arrays}
     if scalars.get("cone_deg", 0.0) <= _NARROW_DEG:
         scalars.pop("cone_deg", None)
@@ -93,10 +97,11 @@ def open_npz_beams(source: Source) -> LoadedLog:
     rows, beams = np.flatnonzero(usable), beams[usable]
     ranges = _read_ranges(beams[:, -1], arrays.get("range_max"), notes)
     directions = _directions(path, beams, rows)
+    stamps = None if stamps is None else stamps[usable].astype(np.int64)
     if scan_ids is None:
-        groups = _group_by_position(beams[:, :d])
+        groups = _group_in_turn(beams[:, :d], stamps)
     else:
-        groups = _group_by_id(path, beams[:, :d], scan_ids[usable])
+        groups = _group_by_id(path, beams[:, :d], stamps, scan_ids[usable])
     positions = beams[:, :d].astype(np.float64)
     return LoadedLog(
         path=path,
@@ -105,7 +110,13 @@ def open_npz_beams(source: Source) -> LoadedLog:
         skipped=skipped,
         notes=tuple(notes),
         scans=tuple(
-            _to_scan(positions[group[0]], directions[group], ranges[group]) for group in groups
+            _to_scan(
+                positions[group[0]],
+                directions[group],
+                ranges[group],
+                None if stamps is None else int(stamps[group[0]]),
+            )
+            for group in groups
         ),
     )
 
@@ -121,16 +132,18 @@ def _check_beams(path: str, arrays: Mapping[str, _Array]) -> _Array:
     return beams if beams.dtype.kind == "f" else beams.astype(np.float64)
 
 
-def _check_scan_ids(path: str, arrays: Mapping[str, _Array], beam_count: int) -> _Array | None:
-    if "scan" not in arrays:
+def _check_whole_numbers(
+    path: str, arrays: Mapping[str, _Array], key: str, beam_count: int
+) -> _Array | None:
+    if key not in arrays:
         return None
-    ids = arrays["scan"]
-    if ids.shape != (beam_count,) or ids.dtype.kind not in "iu":
+    numbers: _Array = arrays[key]
+    if numbers.shape != (beam_count,) or numbers.dtype.kind not in "iu":
         raise InputError(
-            f"{path}: `scan` holds {ids.dtype} of shape {ids.shape}: "
+            f"{path}: `{key}` holds {numbers.dtype} of shape {numbers.shape}: "
             f"it must hold one integer for each of the {beam_count} beams"
         )
-    return ids
+    return numbers
 
 
 def _read_scalar(path: str, key: str, array: _Array) -> float:
@@ -195,21 +208,34 @@ def _read_ranges(ranges: _Array, range_max: _Array | None, notes: list[str]) -> 
     return result
 
 
-def _group_by_position(positions: _Array) -> list[_IntArray]:
+def _group_in_turn(positions: _Array, stamps: _Array | None) -> list[_IntArray]:
+    """Rows of each scan: consecutive beams of one position and, where there are stamps, of one."""
     moved = (positions[1:] != positions[:-1]).any(axis=1)
+    if stamps is not None:
+        moved |= stamps[1:] != stamps[:-1]
     return list(np.split(np.arange(len(positions)), np.flatnonzero(moved) + 1))
 
 
-def _group_by_id(path: str, positions: _Array, ids: _Array) -> list[_IntArray]:
+def _group_by_id(
+    path: str, positions: _Array, stamps: _Array | None, ids: _Array
+) -> list[_IntArray]:
     """Rows of each scan, scans in the order in which they first occur."""
     _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
-    elsewhere = (positions != positions[first[inverse]]).any(axis=1)
+    begin = first[inverse]
+    elsewhere = (positions != positions[begin]).any(axis=1)
     if elsewhere.any():
         row = int(np.flatnonzero(elsewhere)[0])
-        here, there = positions[row], positions[first[inverse[row]]]
+        here, there = positions[row], positions[begin[row]]
         raise InputError(
             f"{path}: scan {ids[row]} has beams at two positions, {_point(there)} and "
             f"{_point(here)}: give beams from different positions different numbers"
+        )
+    later = np.zeros(len(ids), np.bool_) if stamps is None else stamps != stamps[begin]
+    if stamps is not None and later.any():
+        row = int(np.flatnonzero(later)[0])
+        raise InputError(
+            f"{path}: scan {ids[row]} has beams of two stamps, {stamps[begin[row]]} and "
+            f"{stamps[row]} ns: give beams of different times different numbers"
         )
     rows = np.argsort(inverse, kind="stable")
     groups = np.split(rows, np.cumsum(np.bincount(inverse))[:-1])
@@ -220,7 +246,10 @@ def _point(position: _Array) -> str:
     return f"({', '.join(f'{x:g}' for x in position)})"
 
 
-def _to_scan(position: _FloatArray, directions: _FloatArray, ranges: _FloatArray) -> Scan:
+def _to_scan(
+    position: _FloatArray, directions: _FloatArray, ranges: _FloatArray, stamp_ns: int | None
+) -> Scan:
     if len(position) == 3:
-        return Scan(Pose3(np.eye(3), position), directions, ranges)
-    return Scan(Pose2(float(position[0]), float(position[1]), 0.0), directions, ranges)
+        return Scan(Pose3(np.eye(3), position), directions, ranges, stamp_ns)
+    pose = Pose2(float(position[0]), float(position[1]), 0.0)
+    return Scan(pose, directions, ranges, stamp_ns)

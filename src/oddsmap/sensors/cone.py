@@ -66,7 +66,8 @@ class ConeSensor:
             vote, 0 to 1; what the axis alone brings in is at angle 0.
         range_falloff: f in the weight 1 - f (r / range_max), 0 to 1; needs range_max. A shared
             hit stays a whole one.
-        fade: f in the weight 1 - f (r / z)^2 of a pass, 0 to 1: passes fade near the return.
+        pass_falloff: f in the weight 1 - f (r / z)^2 of a pass, 0 to 1: passes fade near the
+            return.
         p_hit: p(x | z) at prior 1/2 on the arc.
         p_miss: p(x | z) at prior 1/2 before it.
         mark_z_min: a return below this height in the map frame clears but does not mark [m], by
@@ -96,7 +97,7 @@ class ConeSensor:
     share_hit: bool = True
     angular_falloff: float = 0.0
     range_falloff: float = 0.0
-    fade: float = 0.0
+    pass_falloff: float = 0.0
     p_hit: float = 0.7
     p_miss: float = 0.4
     mark_z_min: float | None = None
@@ -115,7 +116,7 @@ class ConeSensor:
                 f"got {self.cone_deg}"
             )
         self._axis_beam()
-        for name in ("angular_falloff", "range_falloff", "fade"):
+        for name in ("angular_falloff", "range_falloff", "pass_falloff"):
             value = getattr(self, name)
             if not 0.0 <= value <= 1.0:
                 raise ConfigError(f"sensor.{name} lies between 0 and 1, got {value}")
@@ -196,7 +197,7 @@ class ConeSensor:
             half_width=max(self.hit_width / resolution, 1.0) / 2,
             angular_falloff=float(self.angular_falloff),
             range_falloff=self.range_falloff * (resolution / (self.range_max or math.inf)),
-            fade=float(self.fade),
+            pass_falloff=float(self.pass_falloff),
             share=self.share_hit,
         )
         offsets = np.zeros(len(cones.origins) + 1, np.int64)

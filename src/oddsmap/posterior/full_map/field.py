@@ -121,6 +121,13 @@ class CellField:
             there = np.flatnonzero(found >= 0)
             self._beside[found[there], way ^ 1] = before + there
 
+    def copy(self) -> CellField:
+        """A field of its own, with the same numbers and values."""
+        other = CellField(self.ndim, self.start)
+        other.insert(self.coords)
+        other.belief[:], other.told[:], other.observed[:] = self.belief, self.told, self.observed
+        return other
+
     def find(self, coords: IntArray) -> npt.NDArray[np.int32]:
         """Numbers of blocks, -1 for those that are not in use."""
         keys = map(tuple, coords.tolist())

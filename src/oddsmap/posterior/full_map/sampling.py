@@ -21,9 +21,9 @@ import numpy.typing as npt
 from oddsmap.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
+    from oddsmap.kernels.beam_bins import BeamBins, CellRows
     from oddsmap.kernels.beam_factor import BeamRows
     from oddsmap.kernels.first_echo import Noise
-    from oddsmap.kernels.flips import BeamBins, CellRows
 
 __all__ = ["Climb", "FactorGraph", "GibbsSamples", "gibbs", "hill_climb", "log_joint"]
 
@@ -210,7 +210,7 @@ def log_joint(graph: FactorGraph, occupied: BoolArray) -> float:
 
 
 def _begin(graph: FactorGraph, start: BoolArray | None) -> tuple[BeamBins, CellRows, State]:
-    from oddsmap.kernels.flips import (
+    from oddsmap.kernels.beam_bins import (
         BeamBins,
         CellRows,
         count_bins,

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `oddsmap export --posterior` writes beside log odds: reflection and decay rates."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from oddsmap.evidence import EvidenceMap
+
+__all__ = ["flag", "write_decay", "write_reflection"]
+
+Options = Mapping[str, Any]
+
+_OF_INTERVALS = ("interval-width", "lower", "upper")
+
+
+def flag(name: str) -> str:
+    """An option as it is typed."""
+    return "--" + name.replace("_", "-")
+
+
+def write_reflection(source: Path, output: Path, given: Options, force: bool) -> list[Path]:
+    """Write the reflection map, see `oddsmap.posterior.reflection.Reflection`."""
+    from oddsmap.errors import ConfigError
+    from oddsmap.posterior.reflection import Reflection
+
+    suffix = output.suffix.lower()
+    if suffix not in (".png", ".npz", ".yaml", ".yml"):
+        raise ConfigError(f"{output}: a reflection map is written as .png, .npz or .yaml")
+    if given.get("show") == "p-pass":
+        raise ConfigError("--show p-pass belongs to --posterior decay")
+    if "show" in given and suffix != ".png":
+        raise ConfigError(f"--show says what a .png shows, not {output.name}")
+    _check_uses(given, output)
+    names = {
+        "beta_a": "a", "beta_b": "b", "threshold": "threshold", "level": "level", "interval": "kind"
+    }  # fmt: skip
+    arguments = {names[name]: value for name, value in given.items() if name in names}
+    grid = _with_counts(source)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        view = Reflection(grid, **arguments)
+    for warning in caught:
+        typer.echo(f"oddsmap: warning: {warning.message}", err=True)
+    if suffix == ".npz":
+        view.save_npz(output, force=force)
+    elif suffix == ".png":
+        view.save_png(output, show=given.get("show", "mean"), force=force)
+    else:
+        return list(view.save_ros(output, mode=given.get("mode", "scale"), force=force))
+    return [output]
+
+
+def _check_uses(given: Options, output: Path) -> None:
+    """Refuse an option of the reflection view that would change nothing in this output."""
+    from oddsmap.errors import ConfigError
+
+    suffix, show = output.suffix.lower(), given.get("show", "mean")
+    interval = suffix == ".npz" or (suffix == ".png" and show in _OF_INTERVALS)
+    for name, used, where in (
+        ("level", interval, ".npz and --show interval-width, lower or upper"),
+        ("interval", interval, ".npz and --show interval-width, lower or upper"),
+        ("threshold", suffix == ".png" and show == "p-above", "--show p-above"),
+    ):
+        if name in given and not used:
+            raise ConfigError(f"{flag(name)} changes {where} alone, not {output.name}")
+
+
+def write_decay(source: Path, output: Path, given: Options, force: bool) -> list[Path]:
+    """Write the decay rates, see `oddsmap.posterior.decay.DecayRate`."""
+    from oddsmap.errors import ConfigError
+
+    suffix, show = output.suffix.lower(), given.get("show", "mean")
+    if suffix not in (".png", ".npz"):
+        raise ConfigError(f"{output}: a map of decay rates is written as .png or .npz")
+    if "show" in given and suffix != ".png":
+        raise ConfigError(f"--show says what a .png shows, not {output.name}")
+    if show == "p-above":
+        raise ConfigError("--show p-above belongs to --posterior reflection")
+    if "level" in given and suffix == ".png" and show not in _OF_INTERVALS:
+        raise ConfigError(
+            f"--level changes .npz and --show interval-width, lower or upper alone, "
+            f"not {output.name}"
+        )
+    view = _with_counts(source).decay_rate(level=given.get("level", 0.95))
+    if suffix == ".npz":
+        view.save_npz(output, force=force)
+    else:
+        view.save_png(output, show=show, force=force)
+    return [output]
+
+
+def _with_counts(source: Path) -> EvidenceMap:
+    from oddsmap.errors import ConfigError
+    from oddsmap.export.octomap_reader import is_octomap
+    from oddsmap.posterior.full_map.store import is_full_map
+    from oddsmap.store import load_map
+
+    if is_octomap(source) or is_full_map(source):
+        raise ConfigError(f"{source}: this view needs hits and passes, this map has none")
+    return load_map(source)

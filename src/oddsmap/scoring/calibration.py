@@ -1,0 +1,303 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sensor's parameters from a log, without ground truth.
+
+    map of all beams                    # full-map estimation under the parameters so far
+    -> causes of each reading           # echo, random or dropout, from the map without it
+    -> p_random, p_dropout, sigma       # expectation maximisation
+    -> cone width, detection            # searched, the map estimated anew for each
+    -> standard errors                  # how sharp the maximum is
+
+docs/method/full-map.md explains the method.
+
+Source: Dempster, Laird and Rubin, Maximum likelihood from incomplete data via the EM algorithm
+(1977); Thrun, Burgard, Fox: Probabilistic Robotics (2005), section 6.3.2, for beams on a known map.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.integrate import said_of_sensor
+from oddsmap.posterior.full_map.readings import usable_beams
+from oddsmap.posterior.full_map.settings import FullMapConfig
+from oddsmap.scan import Log
+from oddsmap.scoring.search import climb
+from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.forward import ForwardModel
+from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
+
+if TYPE_CHECKING:
+    from oddsmap.scoring.leave_one_out import LeaveOneOut
+
+__all__ = ["NOISE", "Calibration", "calibrate"]
+
+NOISE = ("p_random", "p_dropout", "sigma")
+"""What every sensor with a forward model has; cones also have `cone_deg`."""
+
+_SWEEPS, _MORE_SWEEPS = 6, 3
+# Updates end where no parameter moves by more than this; sigma and cone_deg: as a share.
+_RESTS = 5e-4
+_SIGMA_RESTS = 5e-3
+_LEAST_RANDOM = 1e-4
+# Bins are an eighth of a cell: those of a quarter would add (cell / 4)^2 / 12 to sigma^2.
+_BINS_PER_CELL = 8
+# log2 of how abruptly echoes set in at the cone's edge, and how far the search may go.
+_STEEPEST = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Calibration:
+    """A sensor model that fits a log.
+
+    Args:
+        sensor: with the parameters found.
+        errors: standard error of each parameter: 1 / sqrt(second derivative of minus the log
+            likelihood), each by itself, the others held; NaN for one at its bound.
+        edge: how abruptly echoes set in at the edge of the cone: an occupied cell with a fraction
+            f of its width inside echoes with detection * min(1, edge * f). A nuisance: found so
+            that the width of the cone does not have to stand for it, and not part of the sensor.
+        log_likelihood: mean over beams of the log density [1/m] of a reading, or probability of a
+            no-return, each predicted from the map of all others [nats].
+        updates: of p_random, p_dropout and sigma.
+        converged: False where they still moved.
+        scans: how many were used.
+        beams: how many readings.
+        skipped: scans and beams that carry no information, by reason.
+    """
+
+    sensor: BeamSensor | ConeSensor
+    errors: dict[str, float]
+    edge: float
+    log_likelihood: float
+    updates: int
+    converged: bool
+    scans: int
+    beams: int
+    skipped: Counter[str]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The parameters found, by the names of the configuration."""
+        return {name: float(getattr(self.sensor, name)) for name in self.errors}
+
+    def to_toml(self) -> str:
+        """A configuration that `oddsmap build --config` takes."""
+        lines = ["[sensor]", f'kind = "{self.sensor.kind}"']
+        for name, value in self.values.items():
+            error = self.errors[name]
+            said = "at its bound" if math.isnan(error) else f"+- {error:.2g}"
+            lines.append(f"{name} = {float(f'{value:.5g}')!r}  # {said}")
+        for name in ("range_min", "range_max", "clear_range"):
+            value = getattr(self.sensor, name)
+            if value:
+                lines.append(f"{name} = {float(value)!r}")
+        return "\n".join(lines) + "\n"
+
+
+def calibrate(
+    log: Log | Iterable[Measurement],
+    resolution: float,
+    *,
+    sensor: Sensor | None = None,
+    settings: FullMapConfig | None = None,
+    threads: int = 1,
+    noise_only: bool = False,
+    updates: int = 20,
+    progress: Callable[[str, float], None] | None = None,
+) -> Calibration:
+    """Find the forward sensor model that explains a log best, together with its map.
+
+    Each reading is predicted from the map of all others. The more the beams overlap, the more
+    there is to learn; the pose of the sensor is taken as exact.
+
+    Args:
+        log: what `open_log` gives, or any scans.
+        resolution: side of a cell [m].
+        sensor: where to start, and what stays as it is (range_max...); default: what the log says.
+        settings: how beliefs are propagated.
+        threads: how many to work with; changes no bit of the result.
+        noise_only: True: leave cone width and detection probability as they are, which takes a
+            tenth of the time.
+        updates: the most updates of p_random, p_dropout and sigma in a row.
+        progress: called after each step with what was done and the mean log likelihood.
+
+    Returns:
+        The sensor with standard errors of its parameters.
+
+    Raises:
+        InputError: no usable scan, or no reading is an echo.
+        ConfigError: the sensor has no forward model, or no range_max.
+        MapTooLargeError: it would not fit in memory.
+    """
+    if sensor is None:
+        said = said_of_sensor(log)
+        sensor = KINDS[said.pop("kind")](**said)
+    if not isinstance(sensor, BeamSensor | ConeSensor):
+        raise ConfigError(
+            f"calibration is for beams and cones; a sensor of kind {sensor.kind} sees cells one by "
+            "one and has no forward model of ranges"
+        )
+    if threads < 1 or updates < 1:
+        raise ConfigError(f"threads and updates: at least 1, got {threads} and {updates}")
+    from oddsmap.scoring.leave_one_out import LeaveOneOut
+
+    scans = list(log)
+    if not scans:
+        raise InputError("the scans: no usable scan (there are none); nothing to calibrate with")
+    beams, scan_count, skipped = usable_beams(scans, sensor)
+    model = dataclasses.replace(
+        sensor.forward_model(), bin_width=float(resolution) / _BINS_PER_CELL
+    )
+    if not (beams.ranges < model.range_max).any():
+        raise InputError("calibration needs readings that end somewhere: there are no-returns only")
+    work = LeaveOneOut(beams, float(resolution), settings or FullMapConfig(), threads)
+    fit = _Fit(work, model, len(beams), updates, progress)
+    fit.settle()
+    fit.renew_noise()
+    if not noise_only:
+        # Wide searches, then near ones: what each finds depends on the others.
+        angle = math.degrees(resolution / float(np.median(beams.ranges[np.isfinite(beams.ranges)])))
+        for share in (1.0, 0.6, 0.4):
+            if model.cone_deg > 0.0:
+                fit.search_edge(angle, share)
+                fit.search_cone(angle, share)
+            fit.search_detection(share)
+            fit.settle()
+            fit.renew_noise()
+    errors = fit.noise_errors() | fit.errors
+    names = [name for name in ("cone_deg", "detection", *NOISE) if name in errors]
+    return Calibration(
+        sensor=dataclasses.replace(sensor, **{name: getattr(fit.model, name) for name in names}),
+        errors={name: errors[name] for name in names},
+        edge=fit.edge,
+        log_likelihood=work.log_likelihood(fit.model) / len(beams),
+        updates=fit.updates,
+        converged=fit.converged,
+        scans=scan_count,
+        beams=len(beams),
+        skipped=skipped + Counter(getattr(log, "skipped", {})),
+    )
+
+
+@dataclass(slots=True, eq=False)
+class _Fit:
+    """The parameters so far, and how each is renewed."""
+
+    work: LeaveOneOut
+    model: ForwardModel
+    beams: int
+    most_updates: int
+    progress: Callable[[str, float], None] | None
+    edge: float = 1.0
+    updates: int = 0
+    converged: bool = False
+    errors: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    def settle(self) -> None:
+        self.work.settle(self.model, self.edge, _SWEEPS)
+
+    def renew_noise(self) -> None:
+        """Expectation maximisation, the map following the parameters."""
+        from oddsmap.kernels.causes import DROPOUT, LIKELIHOOD, RANDOM, SQUARES
+
+        for _ in range(self.most_updates):
+            found = self.work.causes(self.model)
+            # What no-returns are not by dropout was an echo out of reach, and says nothing of the
+            # noise: their squares are 0, and so is their weight.
+            true = np.where(self.work.no_returns, 0.0, 1.0 - found[:, RANDOM])
+            old, model = self.model, self.model
+            sigma = math.sqrt(found[:, SQUARES].sum() / true.sum())
+            self.model = dataclasses.replace(
+                model,
+                p_random=max(float(found[:, RANDOM].mean()), _LEAST_RANDOM),
+                p_dropout=float(found[:, DROPOUT].mean()),
+                sigma=max(sigma, float(model.bin_width or 0.0) / 2.0),
+            )
+            self.updates += 1
+            self._say("noise", float(np.log(found[:, LIKELIHOOD]).mean()))
+            self.work.go_on(self.model, _MORE_SWEEPS)
+            self.converged = (
+                abs(self.model.p_random - old.p_random) < _RESTS
+                and abs(self.model.p_dropout - old.p_dropout) < _RESTS
+                and abs(self.model.sigma / old.sigma - 1.0) < _SIGMA_RESTS
+            )
+            if self.converged:
+                return
+
+    def search_edge(self, angle: float, share: float) -> None:
+        """How abruptly echoes set in, the width at half the chance of an echo held.
+
+        A cell takes up `angle` [deg]; a wall's echoes set in where its centre is inside of
+        cone_deg + angle (1 - 1 / edge), so that the two are searched along that ridge.
+        """
+        wide = self.model.cone_deg + angle * (1.0 - 1.0 / self.edge)
+
+        def value(log2_edge: float) -> float:
+            edge = 2.0**log2_edge
+            return self._try(self._cone(wide - angle * (1.0 - 1.0 / edge)), edge)
+
+        peak = climb(value, math.log2(self.edge), 1.0 * share, 0.0, _STEEPEST)
+        self.edge = 2.0**peak.place
+        self.model = self._cone(wide - angle * (1.0 - 1.0 / self.edge))
+        self._say("edge", peak.value / self.beams)
+
+    def search_cone(self, angle: float, share: float) -> None:
+        """The width of the cone."""
+        step = share * min(angle, self.model.cone_deg / 4.0)
+        peak = climb(
+            lambda cone: self._try(self._cone(cone), self.edge),
+            self.model.cone_deg, step, self.model.cone_deg / 4.0, 180.0,
+        )  # fmt: skip
+        self.model = self._cone(peak.place)
+        self.errors["cone_deg"] = peak.error
+        self._say("cone_deg", peak.value / self.beams)
+
+    def search_detection(self, share: float) -> None:
+        """The chance that an occupied cell echoes."""
+        peak = climb(
+            lambda chance: self._try(
+                dataclasses.replace(self.model, detection=chance), self.edge
+            ),
+            self.model.detection, 0.06 * share, 0.05, 1.0,
+        )  # fmt: skip
+        self.model = dataclasses.replace(self.model, detection=peak.place)
+        self.errors["detection"] = peak.error
+        self._say("detection", peak.value / self.beams)
+
+    def noise_errors(self) -> dict[str, float]:
+        """Standard errors of the noise's parameters, the map held."""
+        best = self.work.log_likelihood(self.model)
+        errors = {}
+        for name in NOISE:
+            value = getattr(self.model, name)
+            step = 0.05 * value
+            if step < 1e-5 or value <= _LEAST_RANDOM:
+                errors[name] = math.nan
+                continue
+            sides = [
+                self.work.log_likelihood(dataclasses.replace(self.model, **{name: value + off}))
+                for off in (-step, step)
+            ]
+            information = (2.0 * best - sum(sides)) / step**2
+            errors[name] = 1.0 / math.sqrt(information) if information > 0.0 else math.nan
+        return errors
+
+    def _try(self, model: ForwardModel, edge: float) -> float:
+        self.work.settle(model, edge, _SWEEPS)
+        return self.work.log_likelihood(model)
+
+    def _cone(self, degrees: float) -> ForwardModel:
+        return dataclasses.replace(self.model, cone_deg=min(max(degrees, 0.1), 180.0))
+
+    def _say(self, what: str, log_likelihood: float) -> None:
+        if self.progress is not None:
+            self.progress(what, log_likelihood)

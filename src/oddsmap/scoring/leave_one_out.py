@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Readings predicted from the map without them: what the sensor's parameters are judged by.
+
+Message passing knows what the map believes without any one beam: take the beam's own messages out
+of the belief of its cells (the cavity). So
+
+    sum over beams of log p(z_b | z_-b, parameters)
+
+costs no more than a sweep. It is a pseudo-likelihood (Besag, Statistical analysis of non-lattice
+data, 1975): a beam is never asked about a map that it has shaped itself.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.kernels.beam_factor import NAT
+from oddsmap.kernels.causes import LIKELIHOOD, causes
+from oddsmap.posterior.full_map.field import CellField
+from oddsmap.posterior.full_map.propagation import Propagation
+from oddsmap.posterior.full_map.rows import list_rows
+from oddsmap.posterior.full_map.settings import FullMapConfig
+from oddsmap.sensors.cone_beams import Beams
+from oddsmap.sensors.forward import ForwardModel
+
+__all__ = ["LeaveOneOut"]
+
+FloatArray = npt.NDArray[np.float64]
+
+# Cells are listed anew where range noise is so much larger, or smaller, than it was.
+_LARGER, _SMALLER = 1.1, 0.6
+
+
+class LeaveOneOut:
+    """A map of all beams, and each beam's reading predicted from the others.
+
+    Args:
+        beams: those that carry information.
+        resolution: side of a cell [m].
+        settings: how beliefs are propagated; the number of sweeps is not looked at.
+        threads: how many to work with.
+    """
+
+    def __init__(
+        self, beams: Beams, resolution: float, settings: FullMapConfig, threads: int = 1
+    ) -> None:
+        self._beams, self._resolution = beams, resolution
+        self._settings, self._threads = settings, threads
+        self._listed = (math.nan, math.nan)
+        self.no_returns = ~np.isfinite(beams.ranges)
+
+    def settle(self, model: ForwardModel, edge: float, sweeps: int) -> None:
+        """Estimate the map anew.
+
+        Args:
+            model: the sensor.
+            edge: how abruptly echoes set in at the edge of the cone: an occupied cell echoes with
+                detection * min(1, edge * fraction).
+            sweeps: how many.
+        """
+        self._list(model)
+        rows = self._all_rows
+        self._rows = rows._replace(
+            fractions=np.minimum(1.0, edge * rows.fractions).astype(np.float32)
+        )
+        self._field.belief[:] = self._field.start
+        self._field.told[:] = 0
+        self._messages = np.zeros(len(rows.cells), np.int32)
+        self._edge = edge
+        self.go_on(model, sweeps)
+
+    def go_on(self, model: ForwardModel, sweeps: int) -> None:
+        """Renew the messages under another model of the same cone, from where they are.
+
+        Cells are listed anew, and the map is begun anew, where the range noise asks for it.
+        """
+        cone, sigma = self._listed
+        if cone != model.cone_deg or not (
+            _SMALLER * sigma <= model.sigma <= _LARGER * sigma
+        ):
+            return self.settle(model, self._edge, 2 * sweeps)
+        work = Propagation(
+            self._field, self._rows, model.noise(self._resolution), np.array([model.detection]),
+            self._settings, self._threads,
+        )  # fmt: skip
+        work.messages[:] = self._messages
+        for _ in range(sweeps):
+            work.sweep()
+        self._messages = work.messages
+
+    def causes(self, model: ForwardModel) -> FloatArray:
+        """Likelihood and causes of each beam's reading, see `oddsmap.kernels.causes`."""
+        out = np.empty((len(self._beams), 4))
+        causes(
+            self._rows, model.noise(self._resolution), np.array([model.detection]),
+            self._field.belief, self._messages, out,
+        )  # fmt: skip
+        return out
+
+    def log_likelihood(self, model: ForwardModel) -> float:
+        """Sum over beams of the log density [1/m] of a reading, or probability of a no-return."""
+        likelihood = self.causes(model)[:, LIKELIHOOD]
+        returns = np.count_nonzero(self._beams.ranges < model.range_max)
+        width = model.bin_width_at(self._resolution)
+        return float(np.log(likelihood).sum() - returns * math.log(width))
+
+    def _list(self, model: ForwardModel) -> None:
+        cone, sigma = self._listed
+        if cone == model.cone_deg and _SMALLER * sigma <= model.sigma <= _LARGER * sigma:
+            return
+        prior = self._settings.prior_in(self._beams.ndim)
+        self._field = CellField(self._beams.ndim, round(math.log(prior / (1.0 - prior)) * NAT))
+        self._all_rows = list_rows(self._field, self._beams, model, self._resolution)
+        self._listed = (model.cone_deg, model.sigma)
