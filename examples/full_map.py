@@ -18,8 +18,6 @@ import numpy.typing as npt
 
 import oddsmap
 from oddsmap.plot.picture import cell_colours
-from oddsmap.posterior.full_map.estimator import build_full_map
-from oddsmap.scoring.truth import evaluate
 from oddsmap.simulate import Sonar2D, office_drive, office_plan
 
 if TYPE_CHECKING:
@@ -27,6 +25,7 @@ if TYPE_CHECKING:
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
+Panel = tuple[str, str, FloatArray, BoolArray]
 
 FOLDER = Path("oddsmap-demo")
 RESOLUTION = 0.1
@@ -36,7 +35,13 @@ SONAR = Sonar2D(beam_count=24, cone_deg=25.0, range_max=4.0, p_random=0.02, p_dr
 # A whole hit for every cell of an arc, as in table 9.2 of Probabilistic Robotics, with log Bayes
 # factors 0.85 and -0.4. What this library does where nothing is said, one hit shared by the arc,
 # does less harm and is printed as well.
-TEXTBOOK = {"share_hit": False, "p_hit": 0.7006, "p_miss": 0.4013}
+TEXTBOOK = oddsmap.ConeSensor(
+    cone_deg=SONAR.cone_deg,
+    range_max=SONAR.range_max,
+    share_hit=False,
+    p_hit=0.7006,
+    p_miss=0.4013,
+)
 
 PIXELS = 3  # of a cell's side
 GAP, ABOVE, BELOW = 24, 74, 10  # pixels around the panels
@@ -71,32 +76,34 @@ def main(picture: Path, path: Path) -> None:
     log = oddsmap.open_log(path)
     maps = {
         "Cell by cell: the textbook's filter": oddsmap.build_map(
-            log, RESOLUTION, sensor=oddsmap.ConeSensor(**log.sensor, **TEXTBOOK)
+            log, RESOLUTION, sensor=TEXTBOOK
         ).log_odds(),
         "Cell by cell: a shared hit": oddsmap.build_map(log, RESOLUTION).log_odds(),
-        "All cells together: full-map": build_full_map(log, RESOLUTION),
+        "All cells together: full-map": oddsmap.build_full_map(log, RESOLUTION),
     }
     box = ((0, 0), CELLS)
     seen = np.logical_and.reduce([view.observed(box) for view in maps.values()])
     # Of a solid thing only the surface can be seen.
     solid = np.pad(truth, 1, constant_values=True)
     inner = solid[:-2, 1:-1] & solid[2:, 1:-1] & solid[1:-1, :-2] & solid[1:-1, 2:]
-    panels = [("The office", f"{POSES} poses, 24 sonars of 25 degrees", truth * 1.0, ~inner)]
+    panels: list[Panel] = [
+        ("The office", f"{POSES} poses, 24 sonars of 25 degrees", truth.astype(np.float64), ~inner)
+    ]
     for title, view in maps.items():
         p = view.probability(box)
         wrong = 100.0 * np.mean((p > 0.5)[seen] != truth[seen])
-        scores = evaluate(p, truth, seen)
+        scores = oddsmap.evaluate(p, truth, seen)
         said = f"{wrong:.1f} % of cells wrong, log loss {scores.log_loss:.3f}"
         print(f"{title}: {said}, IoU {scores.iou:.3f}, AUC {scores.auc:.3f}")
         if "shared" not in title:
             panels.append((title, said, p, view.observed(box)))
-    way = np.array([(scan.map_from_sensor.x, scan.map_from_sensor.y) for scan in log])
+    way = np.array([(pose.x, pose.y) for pose in office_drive(POSES)])
     picture.parent.mkdir(parents=True, exist_ok=True)
     draw(panels, way).savefig(picture, metadata={"Software": "oddsmap"})
     print(f"{path}, {picture}")
 
 
-def draw(panels: list[tuple[str, str, FloatArray, BoolArray]], way: FloatArray) -> Figure:
+def draw(panels: list[Panel], way: FloatArray) -> Figure:
     """Panels side by side, each a title, a line below it, p(occupied), and what was observed."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

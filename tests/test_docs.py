@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import doctest
 import re
+import runpy
 import shlex
 import sys
 from pathlib import Path
@@ -69,6 +71,12 @@ def test_files_named_in_the_text_exist(page: Path) -> None:
     assert [name for name in named if not any((place / name).exists() for place in places)] == []
 
 
+def test_what_the_documents_compute_comes_out() -> None:
+    ran = {page: doctest.testfile(str(page), module_relative=False) for page in PAGES}
+    assert all(result.failed == 0 for result in ran.values())
+    assert ran[ROOT / "docs" / "method" / "full-map.md"].attempted >= 10
+
+
 def test_the_readme_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every block from top to bottom, in an empty folder: installing aside, as a newcomer would."""
     monkeypatch.chdir(tmp_path)
@@ -85,6 +93,11 @@ def test_the_readme_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.Monkey
             if command in INSTALLS:
                 continue
             words = shlex.split(command)
+            if words[0] == "python":
+                monkeypatch.setattr(sys, "argv", words[1:])
+                runpy.run_path(str(ROOT / words[1]), run_name="__main__")
+                ran += 1
+                continue
             assert words[0] == "oddsmap", command
             monkeypatch.setattr(sys, "argv", words)
             with pytest.raises(SystemExit) as end:
@@ -92,7 +105,8 @@ def test_the_readme_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.Monkey
             assert not end.value.code, command
             ran += 1
     assert ran >= 8
-    for name in ("coarse.yaml", "coarse.pgm", "fine.yaml", "town.bt", "town.png"):
+    made = "coarse.yaml coarse.pgm fine.yaml town.bt town.png full_map.png sonar.zarr/zarr.json"
+    for name in made.split():
         assert (tmp_path / "oddsmap-demo" / name).stat().st_size > 0
     # All in the folder that git ignores: a newcomer's tree stays clean.
     assert [path.name for path in tmp_path.iterdir()] == ["oddsmap-demo"]

@@ -91,10 +91,11 @@ def thrun_em(
     beam = np.repeat(np.arange(len(rows.readings)), np.diff(rows.offsets))[inside]
     offsets = np.searchsorted(beam, np.arange(len(rows.readings) + 1)).astype(np.int64)
     cells = rows.cells[inside].astype(np.int64)
-    distances = (rows.bins[inside] + 0.5) * bin_width
+    distances = (rows.bins[inside].astype(np.float64) + 0.5) * bin_width
     by_cell = np.argsort(cells, kind="stable")
     seen_from = np.searchsorted(cells[by_cell], np.arange(cell_count + 1)).astype(np.int64)
-    beams = (np.minimum(rows.readings, range_max), offsets, cells, distances)
+    readings: FloatArray = np.minimum(rows.readings, range_max)
+    beams = (readings, offsets, cells, distances)
     model = (float(range_max), float(p_rand), float(p_hit), float(sigma))
     occupied = np.zeros(cell_count, np.bool_)
     log_prior = math.log(prior / (1.0 - prior))

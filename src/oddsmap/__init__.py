@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from oddsmap.projection import project
     from oddsmap.readers import open_log
     from oddsmap.scan import Log, Scan
+    from oddsmap.scoring.calibration import calibrate
+    from oddsmap.scoring.held_out import score_map
     from oddsmap.scoring.truth import evaluate
     from oddsmap.sensors.beam import BeamSensor
     from oddsmap.sensors.cone import ConeSensor
@@ -90,6 +92,7 @@ __all__ = [
     "add_scans",
     "build_full_map",
     "build_map",
+    "calibrate",
     "changed",
     "evaluate",
     "load_full_map",
@@ -98,6 +101,7 @@ __all__ = [
     "load_ros",
     "open_log",
     "project",
+    "score_map",
 ]
 
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
@@ -135,6 +139,7 @@ _HOME = {
     "add_scans": "integrate",
     "build_full_map": "posterior.full_map.estimator",
     "build_map": "integrate",
+    "calibrate": "scoring.calibration",
     "changed": "posterior.changed",
     "evaluate": "scoring.truth",
     "load_full_map": "posterior.full_map.store",
@@ -143,6 +148,7 @@ _HOME = {
     "load_ros": "export.ros_reader",
     "open_log": "readers",
     "project": "projection",
+    "score_map": "scoring.held_out",
 }
 
 

@@ -12,6 +12,8 @@ import typer
 
 from oddsmap.cli.build import HELP as BUILD_HELP
 from oddsmap.cli.build import build
+from oddsmap.cli.calibrate import HELP as CALIBRATE_HELP
+from oddsmap.cli.calibrate import calibrate
 from oddsmap.cli.demo import demo
 from oddsmap.cli.export import HELP as EXPORT_HELP
 from oddsmap.cli.export import export
@@ -19,6 +21,8 @@ from oddsmap.cli.info import HELP as INFO_HELP
 from oddsmap.cli.info import info
 from oddsmap.cli.landmarks import HELP as LANDMARKS_HELP
 from oddsmap.cli.landmarks import landmarks
+from oddsmap.cli.score import HELP as SCORE_HELP
+from oddsmap.cli.score import score
 from oddsmap.errors import OddsmapError
 
 __all__ = ["app", "run"]
@@ -30,6 +34,9 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
   oddsmap info intel.log.gz                                     what is in a log, or in a map
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr    log to map
   oddsmap export intel.zarr intel.yaml                          map to ROS; also .png and .npz
+  oddsmap score sonar.zarr sonar.npz --held-out                 how well it predicts readings
+  oddsmap calibrate sonar.npz --resolution 0.1 -o sonar.toml    rates and noise of a sensor
+  oddsmap landmarks seen.csv -o trees.csv                       points in place of cells
 """
 
 Command = TypeVar("Command", bound=Callable[..., None])
@@ -58,6 +65,8 @@ app = typer.Typer(
 app.command(help=BUILD_HELP)(_interruptible(build))
 app.command(help=EXPORT_HELP)(_interruptible(export))
 app.command(help=INFO_HELP)(_interruptible(info))
+app.command(help=CALIBRATE_HELP)(_interruptible(calibrate))
+app.command(help=SCORE_HELP)(_interruptible(score))
 app.command(help=LANDMARKS_HELP)(_interruptible(landmarks))
 app.command()(_interruptible(demo))
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,6 +14,7 @@ from oddsmap.cli.settings import (
     SENSORS,
     Layer,
     check_width,
+    cores,
     doubts,
     names_of,
     read_camera,
@@ -45,6 +45,7 @@ HELP = """Map one or more logs: of the plane or of space, as their scans are.
   oddsmap build run.log --resolution 0.1 --range-max 30 --clear-range 10 -o run.zarr
   oddsmap build run.log --config lidar.toml --set sensor.hit_width=0.1 -o run.zarr --json
   oddsmap build sonar.npz --resolution 0.1 --estimator full-map -o sonar.zarr
+  oddsmap build sonar.npz --resolution 0.1 --hold-out 0.1 -o sonar.zarr   (see oddsmap score)
   oddsmap build clouds/ --poses poses.txt --resolution 0.1 --set sensor.mark_z_min=0.2 -o hall.zarr
 """
 
@@ -109,6 +110,10 @@ def build(
         list[str] | None,
         typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Any field; may be repeated."),
     ] = None,
+    hold_out: Annotated[
+        float | None,
+        typer.Option("--hold-out", metavar="F", help="Keep this share of scans back, to score by."),
+    ] = None,
     skip_bad: Annotated[
         bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
     ] = False,
@@ -120,6 +125,8 @@ def build(
     """Map one or more logs: see `HELP`."""
     from oddsmap.atomic import check_output
     from oddsmap.errors import ConfigError
+    from oddsmap.hold_out import every_of
+    from oddsmap.hold_out import hold_out as without_every
     from oddsmap.readers import open_log
 
     if sensor is not None and sensor not in SENSORS:
@@ -163,13 +170,20 @@ def build(
         raise ConfigError(
             f"{logs[0]}: --method projective is for depth images, the scans are {min(kinds)}"
         )
+    held_out = 0
+    if hold_out is not None:
+        every = every_of(hold_out)
+        held_out = sum(len(log) // every for log in opened)
+        opened = [without_every(log, every)[0] for log in opened]
     make = _full_map if estimator == "full-map" else _evidence_map
     facts, report = make(
         opened, configs, output,
-        method=method, threads=threads or _cores(), quiet=as_json, force=force,
+        method=method, threads=threads or cores(), quiet=as_json, force=force,
     )  # fmt: skip
     facts |= {"scans": report.scans, "beams": report.beams, "skipped": dict(report.skipped)}
-    facts |= {"read_s": round(read_s + report.read_s, 6), "threads": threads or _cores()}
+    if hold_out is not None:
+        facts["held_out"] = held_out
+    facts |= {"read_s": round(read_s + report.read_s, 6), "threads": threads or cores()}
     facts |= {"integrate_s": round(report.integrate_s, 6), "compile_s": round(report.compile_s, 6)}
     for log, settled in zip(opened, configs, strict=True):
         for note in (*log.notes, *doubts(log, settled)):
@@ -224,6 +238,7 @@ def _evidence_map(
             total.integrate_s += report.integrate_s
             total.compile_s += report.compile_s
             total.read_s += report.read_s
+    _note_held_out(evidence.provenance, logs)
     evidence.save(output, force=force)
     return facts_of(evidence, output), total
 
@@ -254,11 +269,15 @@ def _full_map(
         estimator.add_log(log)
     with progress_of_sweeps(configs[0].full_map.sweeps, quiet=quiet) as advance:
         full_map = estimator.estimate(advance)
+    _note_held_out(full_map.provenance, logs)
     full_map.save(output, force=force)
     return facts_of_full_map(full_map, output), estimator.report
 
 
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+def _note_held_out(provenance: list[dict[str, Any]], logs: list[Log]) -> None:
+    """Note in a map which scans it has not seen: one entry a log."""
+    from oddsmap.hold_out import PartOfLog
+
+    for entry, log in zip(provenance, logs, strict=True):
+        if isinstance(log, PartOfLog):
+            entry["hold_out_every"] = log.every

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ __all__ = [
     "Layer",
     "Layers",
     "check_width",
+    "cores",
     "doubts",
     "names_of",
     "read_camera",
@@ -140,6 +142,13 @@ def setting_layers(config: Path | None, flags: Layer, settings: list[str]) -> La
         section, name, value = parse_setting(text)
         layers.append((f"--set {text}", {section: {name: value}}))
     return layers
+
+
+def cores() -> int:
+    """How many threads to work with where nothing is said."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def resolved(layers: Layers, log: Log) -> Config:

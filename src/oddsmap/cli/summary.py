@@ -101,6 +101,8 @@ def say(facts: dict[str, Any]) -> None:
     """Say in words what `oddsmap build` has done."""
     tell = typer.echo
     tell(f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
+    if "held_out" in facts:
+        tell(f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
     for reason, count in sorted(facts["skipped"].items()):
         tell(f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
     flat = "area_m2" in facts

@@ -60,7 +60,7 @@ def tally_hazards(
         happened: how many came true, likewise.
     """
     span = noise.range_max - noise.range_min
-    steps = int(math.ceil(span / step - 1e-9))
+    steps = math.ceil(span / step - 1e-9)
     true = 1.0 - noise.p_random - noise.p_dropout
     mass = np.empty(steps)
     bins = count.shape[0]

@@ -92,9 +92,14 @@ class Calibration:
     def to_toml(self) -> str:
         """A configuration that `oddsmap build --config` takes."""
         lines = ["[sensor]", f'kind = "{self.sensor.kind}"']
-        for name, value in self.values.items():
-            error = self.errors[name]
-            said = "at its bound" if math.isnan(error) else f"+- {error:.2g}"
+        for name in ("cone_deg", "detection", *NOISE):
+            value = getattr(self.sensor, name, None)
+            if value is None:
+                continue
+            error = self.errors.get(name)
+            said = "as it was" if error is None else f"+- {error:.2g}"
+            if error is not None and math.isnan(error):
+                said = "at its bound"
             lines.append(f"{name} = {float(f'{value:.5g}')!r}  # {said}")
         for name in ("range_min", "range_max", "clear_range"):
             value = getattr(self.sensor, name)
@@ -157,8 +162,13 @@ def calibrate(
     model = dataclasses.replace(
         sensor.forward_model(), bin_width=float(resolution) / _BINS_PER_CELL
     )
+    if scan_count == 0:
+        reasons = ", ".join(f"{n} x {why}" for why, n in skipped.most_common())
+        raise InputError(f"the scans: no usable scan ({reasons}); nothing to calibrate with")
     if not (beams.ranges < model.range_max).any():
         raise InputError("calibration needs readings that end somewhere: there are no-returns only")
+    # Before the work, not after it: a sensor with hit_width takes no sigma.
+    sensor = dataclasses.replace(sensor, sigma=model.sigma)
     work = LeaveOneOut(beams, float(resolution), settings or FullMapConfig(), threads)
     fit = _Fit(work, model, len(beams), updates, progress)
     fit.settle()

@@ -42,6 +42,9 @@ class LeaveOneOut:
         resolution: side of a cell [m].
         settings: how beliefs are propagated; the number of sweeps is not looked at.
         threads: how many to work with.
+
+    Attributes:
+        no_returns: True where a beam saw nothing, shape (beams,).
     """
 
     def __init__(
@@ -49,6 +52,7 @@ class LeaveOneOut:
     ) -> None:
         self._beams, self._resolution = beams, resolution
         self._settings, self._threads = settings, threads
+        # Cone width and range noise that the cells have been listed for.
         self._listed = (math.nan, math.nan)
         self.no_returns = ~np.isfinite(beams.ranges)
 
@@ -77,11 +81,9 @@ class LeaveOneOut:
 
         Cells are listed anew, and the map is begun anew, where the range noise asks for it.
         """
-        cone, sigma = self._listed
-        if cone != model.cone_deg or not (
-            _SMALLER * sigma <= model.sigma <= _LARGER * sigma
-        ):
-            return self.settle(model, self._edge, 2 * sweeps)
+        if not self._is_listed_for(model):
+            self.settle(model, self._edge, 2 * sweeps)
+            return
         work = Propagation(
             self._field, self._rows, model.noise(self._resolution), np.array([model.detection]),
             self._settings, self._threads,
@@ -107,9 +109,12 @@ class LeaveOneOut:
         width = model.bin_width_at(self._resolution)
         return float(np.log(likelihood).sum() - returns * math.log(width))
 
-    def _list(self, model: ForwardModel) -> None:
+    def _is_listed_for(self, model: ForwardModel) -> bool:
         cone, sigma = self._listed
-        if cone == model.cone_deg and _SMALLER * sigma <= model.sigma <= _LARGER * sigma:
+        return cone == model.cone_deg and _SMALLER * sigma <= model.sigma <= _LARGER * sigma
+
+    def _list(self, model: ForwardModel) -> None:
+        if self._is_listed_for(model):
             return
         prior = self._settings.prior_in(self._beams.ndim)
         self._field = CellField(self._beams.ndim, round(math.log(prior / (1.0 - prior)) * NAT))

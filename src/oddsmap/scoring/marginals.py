@@ -40,7 +40,7 @@ class Marginals:
         order = np.lexsort(block.T)
         self._index, self._log_odds = index[order], log_odds[order]
         blocks, first = np.unique(block[order][:, ::-1], axis=0, return_index=True)
-        ends = np.append(first[1:], len(order))
+        ends = np.append(first, len(order))[1:]
         self._known = {
             tuple(at): (int(begin), int(end))
             for at, begin, end in zip(blocks[:, ::-1].tolist(), first, ends, strict=True)

@@ -46,7 +46,7 @@ class Reliability:
         place = np.minimum((probability * BINS).astype(np.int64), BINS - 1)
         return cls(
             np.bincount(place, minlength=BINS),
-            np.bincount(place, probability, minlength=BINS),
+            np.bincount(place, probability, minlength=BINS).astype(np.float64),
             np.bincount(place[happened], minlength=BINS),
         )
 

@@ -77,13 +77,13 @@ def evaluate(
         raise InputError("evaluate: probabilities lie between 0 and 1 in every cell scored")
     given = np.where(occupied, p, 1.0 - p)
     called = p > 0.5
-    union = np.count_nonzero(called | occupied)
+    union = int(np.count_nonzero(called | occupied))
     return Scores(
         auc=_auc(p, occupied),
         log_loss=float(-np.log(np.clip(given, _LEAST, 1.0 - _LEAST)).mean()),
         brier=float(((p - occupied) ** 2).mean()),
         ece=Reliability.of(p, occupied).ece,
-        iou=np.count_nonzero(called & occupied) / union if union else np.nan,
+        iou=int(np.count_nonzero(called & occupied)) / union if union else np.nan,
         n=len(p),
     )
 

@@ -4,6 +4,7 @@
     scans -> usable_beams        # readings.py: what carries information
           -> list_rows           # rows.py: the cells of each beam, numbered
           -> Propagation.run     # propagation.py: messages until they rest
+         (-> gibbs, hill_climb   # joint.py: from there on, where they are asked for)
           -> FullMap             # view.py
 
 docs/method/full-map.md explains the method.
@@ -11,26 +12,28 @@ docs/method/full-map.md explains the method.
 
 from __future__ import annotations
 
-import dataclasses
-import math
 import time
 from collections.abc import Callable, Iterable
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from oddsmap.config import Config, MapConfig
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import ConfigError
 from oddsmap.integrate import Report, said_of_sensor
+from oddsmap.posterior.full_map.collector import BeamCollector
 from oddsmap.posterior.full_map.field import CellField
-from oddsmap.posterior.full_map.readings import usable_beams
 from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.scan import Log
-from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
+
+if TYPE_CHECKING:
+    from oddsmap.posterior.full_map.joint import JointSamples
+    from oddsmap.posterior.full_map.propagation import Propagation
 
 __all__ = ["FullMapEstimator", "build_full_map"]
 
@@ -83,80 +86,104 @@ class FullMapEstimator:
         threads: how many to work with; changes no bit of the result.
 
     Raises:
-        ConfigError: the sensor has no forward model, or a parameter is outside its range.
+        ConfigError: the sensor has no forward model, a parameter is outside its range, or a
+            setting of the filter is set.
     """
 
     def __init__(self, config: Config, *, threads: int = 1) -> None:
-        sensor = config.sensor
-        if not isinstance(sensor, BeamSensor | ConeSensor):
-            raise ConfigError(
-                f"full-map estimation is for beams and cones; a sensor of kind {sensor.kind} sees "
-                "cells one by one: use --estimator filter, which is exact for it"
-            )
+        self._beams = BeamCollector(config, "full-map")
         if threads < 1:
             raise ConfigError(f"threads: at least 1 is needed, got {threads}")
         self.config = config
-        self.report = Report()
-        self._sensor = sensor
-        self._model = sensor.forward_model()
         self._threads = threads
-        self._scans: list[Measurement] = []
-        self._provenance: list[dict[str, object]] = []
+
+    @property
+    def report(self) -> Report:
+        """What was used and what was skipped by the last `estimate` or `sample`."""
+        return self._beams.report
 
     def add_log(self, log: Log | Iterable[Measurement]) -> None:
         """Take all scans of a log, and note it in the map's provenance."""
-        started = time.perf_counter()
-        before = len(self._scans)
-        self._scans.extend(log)
-        self.report.read_s += time.perf_counter() - started
-        self.report.skipped += getattr(log, "skipped", {})
-        path = getattr(log, "path", None)
-        self._provenance.append(
-            {
-                "source": None if path is None else str(path).rsplit("/", 1)[-1],
-                "scans": len(self._scans) - before,
-                "sensor": {"kind": self._sensor.kind, **dataclasses.asdict(self._sensor)},
-                "estimator": "full-map",
-            }
-        )
+        self._beams.add_log(log)
 
     def estimate(self, progress: Callable[[int, float], None] | None = None) -> FullMap:
         """Estimate the map; errors and result as in `build_full_map`."""
         from oddsmap.kernels.beam_factor import NAT
-        from oddsmap.posterior.full_map.propagation import Propagation
-        from oddsmap.posterior.full_map.rows import list_rows, note_observed
+        from oddsmap.posterior.full_map.joint import log_odds_by_climbing, log_odds_by_gibbs
 
-        if not self._scans:
-            raise InputError("the scans: no usable scan (there are none); nothing to map")
-        beams, scan_count, skipped = usable_beams(self._scans, self._sensor)
-        self.report.add(scan_count, len(beams), skipped)
-        if scan_count == 0:
-            reasons = ", ".join(f"{n} x {why}" for why, n in self.report.skipped.most_common())
-            raise InputError(f"the scans: no usable scan ({reasons}); nothing to map")
-        settings = self.config.full_map
-        resolution = self.config.map.resolution
-        self.report.compile_s += _compile()
-        started = time.perf_counter()
-        prior = settings.prior_in(beams.ndim)
-        field = CellField(beams.ndim, round(math.log(prior / (1.0 - prior)) * NAT))
-        rows = list_rows(field, beams, self._model, resolution)
-        detection = np.array([self._model.detection])
-        noise = self._model.noise(resolution)
-        work = Propagation(field, rows, noise, detection, settings, self._threads)
-        sweeps, residual = work.run(progress)
-        note_observed(field, rows, self._model, resolution, detection)
+        work, sweeps, residual, started = self._propagate(progress)
+        field = work.field
+        if self.config.full_map.method == "gibbs":
+            log_odds, residual = log_odds_by_gibbs(work)
+            sweeps = self.config.full_map.samples
+        elif self.config.full_map.method == "map":
+            log_odds, sweeps, residual = log_odds_by_climbing(work)
+        else:
+            log_odds = field.belief / NAT
         self.report.integrate_s += time.perf_counter() - started
         full_map = FullMap(
             self.config,
             field.coords,
-            (field.belief / NAT).astype(np.float32).reshape(-1, field.block_cells),
+            log_odds.astype(np.float32).reshape(-1, field.block_cells),
             field.observed.reshape(-1, field.block_cells),
             sweeps=sweeps,
             residual=residual,
         )
         full_map.report = self.report
-        full_map.provenance = list(self._provenance)
+        full_map.provenance = list(self._beams.provenance)
         return full_map
+
+    def sample(
+        self,
+        count: int,
+        *,
+        every: int = 10,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> JointSamples:
+        """Draw whole maps from p(m | z_1:t), by Gibbs sampling from where sum-product ends.
+
+        Neighbouring cells of one map fit each other, as they do not where each is drawn from its
+        own probability: for planners that want to know if a gap is open, not how likely a cell.
+        Seed, burn-in and the rest are those of the settings, whatever their method.
+
+        Args:
+            count: how many maps.
+            every: sweeps from one map to the next; maps a few sweeps apart are alike.
+            progress: as in `build_full_map`, of the sum-product sweeps.
+
+        Raises:
+            ConfigError: count or every is below 1.
+            InputError: as in `build_full_map`, and MapTooLargeError too.
+        """
+        from oddsmap.posterior.full_map.joint import draw_maps
+
+        for name, value in (("count", count), ("every", every)):
+            if value < 1:
+                raise ConfigError(f"sample: {name} is at least 1, got {value}")
+        work, _, _, started = self._propagate(progress)
+        samples = draw_maps(work, count, every)
+        self.report.integrate_s += time.perf_counter() - started
+        return samples
+
+    def _propagate(
+        self, progress: Callable[[int, float], None] | None
+    ) -> tuple[Propagation, int, float, float]:
+        """Sweep until messages rest: the propagation, its sweeps and residual, when it began."""
+        from oddsmap.posterior.full_map.propagation import Propagation
+        from oddsmap.posterior.full_map.rows import note_observed
+
+        settings, resolution = self.config.full_map, self.config.map.resolution
+        compile_s = _compile()
+        started = time.perf_counter()
+        field, rows = self._beams.list_beams((settings.prior_in(2), settings.prior_in(3)))
+        self.report.compile_s += compile_s
+        model = self._beams.model
+        detection = np.array([model.detection])
+        noise = model.noise(resolution)
+        work = Propagation(field, rows, noise, detection, settings, self._threads)
+        sweeps, residual = work.run(progress)
+        note_observed(field, rows, model, resolution, detection)
+        return work, sweeps, residual, started
 
 
 def _compile() -> float:

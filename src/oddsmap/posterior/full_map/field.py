@@ -137,6 +137,25 @@ class CellField:
         """Number of the block on each side of each block, or -1, shape (blocks, 2 d)."""
         return self._beside
 
+    def neighbours(self) -> npt.NDArray[np.int32]:
+        """Number of the cell on each side of each cell, or -1, shape (cells, 2 d).
+
+        Below and above along x, then y, then z, as `beside` has it of blocks.
+        """
+        blocks = np.arange(len(self.coords)).reshape(-1, *(1,) * (self.ndim - 1))
+        cells = np.arange(len(self.belief), dtype=np.int32)
+        cells = cells.reshape(-1, *(self.side,) * self.ndim)
+        found = np.empty((len(cells.ravel()), 2 * self.ndim), np.int32)
+        for way in range(2 * self.ndim):
+            axis, up = self.ndim - way // 2, way % 2
+            # At a block's end it goes on in the next one, where it has begun in this one.
+            near = np.roll(cells, -1 if up else 1, axis)
+            end = np.moveaxis(near, axis, -1)[..., -1 if up else 0]
+            beside = self._beside[:, way].reshape(blocks.shape)
+            end[...] = np.where(beside >= 0, end + (beside - blocks) * self.block_cells, -1)
+            found[:, way] = near.ravel()
+        return found
+
     def index(self, numbers: npt.NDArray[np.integer]) -> IntArray:
         """Indices of cells in the map, shape (n, d), x first."""
         block, place = np.divmod(numbers.astype(np.int64), self.block_cells)

@@ -8,12 +8,44 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from oddsmap.config import Config
+from oddsmap.errors import ConfigError
 from oddsmap.sensors.beam import BeamSensor, ranges_of
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.kinds import Measurement
 
-__all__ = ["usable_beams"]
+__all__ = ["ranging_sensor", "usable_beams"]
+
+# Settings of the filter that would change which readings count, and how much.
+_OF_THE_FILTER = {
+    "map": ("half_life", "path_lengths"),
+    "sensor": ("mark_z_min", "mark_z_max", "body_min", "body_max"),
+}
+
+
+def ranging_sensor(config: Config) -> BeamSensor | ConeSensor:
+    """The sensor of a configuration that full-map estimation can take.
+
+    Raises:
+        ConfigError: its sensor has no forward model, or something is set that the forward model
+            does not know and that would change what is mapped.
+    """
+    sensor = config.sensor
+    if not isinstance(sensor, BeamSensor | ConeSensor):
+        raise ConfigError(
+            f"full-map estimation is for beams and cones; a sensor of kind {sensor.kind} sees "
+            "cells one by one: use --estimator filter, which is exact for it"
+        )
+    for section, names in _OF_THE_FILTER.items():
+        for name in names:
+            value = getattr(getattr(config, section), name)
+            if value is not None and value is not False:
+                raise ConfigError(
+                    f"{section}.{name} is for the filter, full-map estimation has no such thing: "
+                    f"leave it out, or use --estimator filter (got {value})"
+                )
+    return sensor
 
 
 def usable_beams(

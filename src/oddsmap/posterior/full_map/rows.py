@@ -28,6 +28,9 @@ _LEAST_FRACTION = 0.5
 _SIGMAS_BEHIND = 2.0
 _LEAST_CHANCE = 0.1
 
+# Beyond this many cells from the map's origin no precision is left within a cell.
+_MAX_COORDINATE = float(1 << 45)
+
 
 def list_rows(field: CellField, beams: Beams, model: ForwardModel, resolution: float) -> BeamRows:
     """List the cells of beams and number them.
@@ -39,7 +42,7 @@ def list_rows(field: CellField, beams: Beams, model: ForwardModel, resolution: f
         resolution: side of a cell [m].
 
     Raises:
-        MapTooLargeError: memory would not hold them.
+        MapTooLargeError: memory would not hold them, or a pose is beyond all precision.
     """
     if len(beams) == 0:
         return BeamRows(
@@ -47,12 +50,19 @@ def list_rows(field: CellField, beams: Beams, model: ForwardModel, resolution: f
             np.empty(0, np.float32),
         )  # fmt: skip
     far = np.max(model.reach(beams.ranges)) / resolution + 2.0
+    farthest = float(np.abs(beams.origins).max())
+    if farthest + far * resolution > _MAX_COORDINATE * resolution:
+        raise MapTooLargeError(
+            f"a pose is {farthest:.3g} m from the map's origin: there no precision is left within "
+            f"cells of {resolution:g} m; mend the poses, or move them all towards the origin"
+        )
     lo = np.floor(beams.origins.min(axis=0) / resolution - far).astype(np.int64)
     hi = np.ceil(beams.origins.max(axis=0) / resolution + far).astype(np.int64)
     window = Window(field, lo, hi)
     if model.bin_count(resolution) > np.iinfo(np.uint16).max:
         raise MapTooLargeError(
-            f"a beam has {model.bin_count(resolution)} range bins: use a wider sensor.bin_width"
+            f"a beam has {model.bin_count(resolution)} range bins: use a coarser resolution, or a "
+            "lower range_max"
         )
     offsets = [np.zeros(1, np.int64)]
     cells: list[npt.NDArray[np.int32]] = []

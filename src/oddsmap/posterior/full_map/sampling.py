@@ -25,7 +25,15 @@ if TYPE_CHECKING:
     from oddsmap.kernels.beam_factor import BeamRows
     from oddsmap.kernels.first_echo import Noise
 
-__all__ = ["Climb", "FactorGraph", "GibbsSamples", "gibbs", "hill_climb", "log_joint"]
+__all__ = [
+    "Climb",
+    "FactorGraph",
+    "GibbsSamples",
+    "conditional_log_odds",
+    "gibbs",
+    "hill_climb",
+    "log_joint",
+]
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -88,11 +96,15 @@ class GibbsSamples:
             others (Rao-Blackwellised), shape (cells,).
         samples: maps drawn from the joint posterior, shape (samples, cells).
         flip_rate: cells turned over in a sweep, as a share of all; near 0 a chain hardly moves.
+        halves: the same mean over the first and over the second half of the sweeps, shape
+            (2, cells): half their difference is about the error that is due to chance. Of one
+            sweep there is no first half, and it is NaN.
     """
 
     probability: FloatArray
     samples: BoolArray
     flip_rate: float
+    halves: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,13 +115,18 @@ class Climb:
         occupied: the map, shape (cells,).
         log_joint: log p(z, m) up to the prior's constant, see `log_joint`; minus the energy.
         sweeps: how many were made.
-        converged: True where no single cell could raise it further.
+        flip_rate: cells that the last sweep turned over, as a share of all.
     """
 
     occupied: BoolArray
     log_joint: float
     sweeps: int
-    converged: bool
+    flip_rate: float
+
+    @property
+    def converged(self) -> bool:
+        """True where no single cell could raise it further."""
+        return self.flip_rate == 0.0
 
 
 def gibbs(
@@ -147,13 +164,16 @@ def gibbs(
         )
     bins, of_cells, state = _begin(graph, start)
     rng = np.random.default_rng(seed)
-    total = np.zeros(graph.cell_count)
+    total, before = np.zeros((2, graph.cell_count))
+    half = np.float64(sweeps // 2)
     kept: list[BoolArray] = []
     flips = 0
     for sweep in range(-burn_in, sweeps):
         if sweep == 0:
             total[:] = 0.0
             flips = 0
+        if sweep == half:
+            before[:] = total
         flips += gibbs_sweep(
             graph.rows, bins, of_cells, graph.detection, graph.beside, graph.prior,
             float(graph.coupling), rng.random(graph.cell_count), state, total,
@@ -161,7 +181,10 @@ def gibbs(
         if sample_every is not None and sweep >= 0 and (sweep + 1) % sample_every == 0:
             kept.append(state == 1)
     samples = np.stack(kept) if kept else np.empty((0, graph.cell_count), np.bool_)
-    return GibbsSamples(total / sweeps, samples, flips / sweeps / max(1, graph.cell_count))
+    with np.errstate(invalid="ignore"):
+        halves = np.stack([before / half, (total - before) / (sweeps - half)])
+    flip_rate = flips / sweeps / max(1, graph.cell_count)
+    return GibbsSamples(total / sweeps, samples, flip_rate, halves)
 
 
 def hill_climb(
@@ -193,7 +216,25 @@ def hill_climb(
             float(graph.coupling), state,
         )  # fmt: skip
         done += 1
-    return Climb(state == 1, _log_joint(graph, bins, state), done, flips == 0)
+    flip_rate = flips / max(1, graph.cell_count)
+    return Climb(state == 1, _log_joint(graph, bins, state), done, flip_rate)
+
+
+def conditional_log_odds(graph: FactorGraph, occupied: BoolArray) -> FloatArray:
+    """Log odds of each cell given all others as they are in a map, shape (cells,).
+
+    Raises:
+        InputError: a map of another shape.
+    """
+    from oddsmap.kernels.flips import conditional
+
+    bins, of_cells, state = _begin(graph, occupied)
+    odds = np.empty(graph.cell_count)
+    conditional(
+        bins, of_cells, graph.detection, graph.beside, graph.prior, float(graph.coupling), state,
+        odds,
+    )  # fmt: skip
+    return odds
 
 
 def log_joint(graph: FactorGraph, occupied: BoolArray) -> float:

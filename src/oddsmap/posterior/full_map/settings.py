@@ -8,16 +8,21 @@ from dataclasses import dataclass
 
 from oddsmap.errors import ConfigError
 
-__all__ = ["SCHEDULES", "FullMapConfig"]
+__all__ = ["METHODS", "SCHEDULES", "FullMapConfig"]
 
+METHODS = ("sum-product", "gibbs", "map")
 SCHEDULES = ("chunks", "sequential", "parallel")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FullMapConfig:
-    """How beliefs are propagated.
+    """How beliefs are propagated, and what is made of them.
 
     Args:
+        method: "sum-product": the marginals by loopy belief propagation. "gibbs": the marginals
+            by Gibbs sampling, exact but for chance in the long run: the reference, a few times
+            slower and on one thread. "map": one map that no single cell can improve, by hill
+            climbing. These two start from where sum-product ends, with the fields below.
         prior: p(x) of a cell before any reading, without its neighbours' word; None: 0.475 in the
             plane, 0.2 in space. Hundreds of unseen cells share a cone: where each is believed in
             a little, that nothing returned the beam is taken for a dropout.
@@ -25,17 +30,21 @@ class FullMapConfig:
             0.8 in the plane, 0.4 in space. Both are nine tenths of where the Ising model starts to
             take sides by itself (0.881 and 0.443): a stronger prior believes itself.
         sweeps: the most sweeps over all beams.
-        tolerance: sweeps end once messages change by less than this on average [nats].
+        tolerance: sweeps end once messages change by less than this on average [nats]: those of
+            beams, and those between neighbours.
         schedule: in which order messages are renewed. "sequential": beam after beam. "chunks":
             some hundred beams of a random order at a time, which threads share. "parallel": all
             beams at once, damped by one half.
-        chunk: beams of a chunk.
-        seed: of the random order.
+        chunk: beams of a chunk, at most; never more than one in 64 of all.
+        seed: of the random order, and of Gibbs sampling.
+        samples: "gibbs": sweeps that are counted, each of which draws every cell once.
+        burn_in: "gibbs": sweeps before those, which are forgotten.
 
     Raises:
         ConfigError: a value is outside its range.
     """
 
+    method: str = "sum-product"
     prior: float | None = None
     coupling: float | None = None
     sweeps: int = 20
@@ -43,6 +52,8 @@ class FullMapConfig:
     schedule: str = "chunks"
     chunk: int = 512
     seed: int = 0
+    samples: int = 100
+    burn_in: int = 20
 
     def __post_init__(self) -> None:
         if self.prior is not None and not 0.0 < self.prior < 1.0:
@@ -51,14 +62,16 @@ class FullMapConfig:
             raise ConfigError(f"full_map.coupling is 0 or more, got {self.coupling}")
         if not 0.0 <= self.tolerance < math.inf:
             raise ConfigError(f"full_map.tolerance is 0 nats or more, got {self.tolerance}")
-        for name, least in (("sweeps", 1), ("chunk", 1), ("seed", 0)):
+        for name, least in (
+            ("sweeps", 1), ("chunk", 1), ("seed", 0), ("samples", 1), ("burn_in", 0)
+        ):  # fmt: skip
             value = getattr(self, name)
             if value < least:
                 raise ConfigError(f"full_map.{name} is at least {least}, got {value}")
-        if self.schedule not in SCHEDULES:
-            raise ConfigError(
-                f"full_map.schedule is one of {', '.join(SCHEDULES)}, got {self.schedule!r}"
-            )
+        for name, known in (("method", METHODS), ("schedule", SCHEDULES)):
+            value = getattr(self, name)
+            if value not in known:
+                raise ConfigError(f"full_map.{name} is one of {', '.join(known)}, got {value!r}")
 
     def coupling_in(self, ndim: int) -> float:
         """J for cells of a plane (2) or of space (3)."""

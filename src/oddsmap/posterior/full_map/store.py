@@ -51,8 +51,11 @@ def save_full_map(full_map: FullMap, path: str | os.PathLike[str], *, force: boo
     import zarr
 
     d, side, shard = full_map.ndim, full_map.side, SHARD[full_map.ndim]
-    begin = full_map.blocks * side // shard  # of each block, in shards: a shard's side is a
-    lo, hi = begin.min(axis=0) * shard, (begin.max(axis=0) + 1) * shard  # multiple of a block's
+    # Of each block, in shards: a shard's side is a multiple of a block's. A map without cells, of
+    # beams that end in the sensor's own cell, still has a box.
+    begin = full_map.blocks * side // shard
+    begin = begin if len(begin) else np.zeros((1, d), np.int64)
+    lo, hi = begin.min(axis=0) * shard, (begin.max(axis=0) + 1) * shard
     shape = tuple(int(n) for n in (hi - lo)[::-1])
     with atomic_output(Path(path), force=force) as part:
         root = zarr.open_group(part, mode="w", zarr_format=3)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from oddsmap.config import Config
 from oddsmap.kernels.marks import LISTED, REACHED
 from oddsmap.posterior.belief import Belief, Region, sigmoid
+from oddsmap.posterior.full_map.blocks import dense_box, listed_cells
 
 if TYPE_CHECKING:
     from oddsmap.integrate import Report
@@ -22,6 +23,9 @@ __all__ = ["FullMap"]
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
+
+# A chain is at rest where the marginals of its halves are as near to each other [probability].
+_DRIFT = 0.005
 
 
 class FullMap(Belief):
@@ -37,11 +41,14 @@ class FullMap(Belief):
         marks: of each cell, same shape: 2 where a beam has reached it, 1 where it lies in the cone
             of a beam before its reading but behind what is believed to stand there, else 0.
         sweeps: how many there were.
-        residual: mean change of a message in the last one [nats].
+        residual: what the last one changed. "sum-product": a message, on average [nats]. "gibbs":
+            by how much the marginals of both halves of the chain differ, on average [probability].
+            "map": the share of cells turned over.
 
     Attributes:
-        converged: False where the last allowed sweep still moved messages by more than the
-            configured tolerance. The map is usable, and less certain than it says.
+        converged: False where the last allowed sweep still changed messages by more than the
+            configured tolerance, or a cell, or where halves of a Gibbs chain differ by 0.005 or
+            more. The map is usable, and less certain than it says.
         report: what was used and what was skipped, where it was estimated in this process.
         provenance: what the readings came from.
     """
@@ -75,9 +82,21 @@ class FullMap(Belief):
         return self.config.map.resolution
 
     @property
+    def method(self) -> str:
+        """What the values are: see `FullMapConfig.method`.
+
+        Those of "map" are no marginals: they say by how much log p(m | z) falls if that cell alone
+        is turned over.
+        """
+        return self.config.full_map.method
+
+    @property
     def converged(self) -> bool:
-        """Whether messages came to rest."""
-        return self.residual < self.config.full_map.tolerance
+        """Whether messages, or whatever the method moves, came to rest."""
+        if self.method == "map":
+            return self.residual == 0.0
+        gibbs = self.method == "gibbs"
+        return self.residual < (_DRIFT if gibbs else self.config.full_map.tolerance)
 
     @property
     def nbytes(self) -> int:
@@ -105,13 +124,9 @@ class FullMap(Belief):
 
     def _cells_from(self, mark: int) -> tuple[IntArray, FloatArray, npt.NDArray[np.bool_]]:
         """The cells with at least a mark: index, log odds, and whether they were reached."""
-        block, place = np.nonzero(self.marks >= mark)
-        within = np.stack(np.unravel_index(place, (self.side,) * self.ndim)[::-1], axis=1)
-        index = self.blocks[block] * self.side + within
-        order = np.lexsort(index.T)
-        block, place = block[order], place[order]
+        index, block, place = listed_cells(self.blocks, self.side, self.marks >= mark)
         values = self.values[block, place].astype(np.float64)
-        return index[order], values, self.marks[block, place] == REACHED
+        return index, values, self.marks[block, place] == REACHED
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of observed cells: first index and past the last, shape (d,), x first."""
@@ -133,15 +148,7 @@ class FullMap(Belief):
     def _dense(
         self, values: npt.NDArray[np.generic], fill: float, region: Region | None
     ) -> FloatArray:
-        lo, hi = self._region(region)
-        full = np.full((hi - lo)[::-1], fill, np.float64)
-        shape = (self.side,) * self.ndim
-        begin = self.blocks * self.side
-        for at in np.flatnonzero(((begin + self.side > lo) & (begin < hi)).all(axis=1)):
-            first, last = np.maximum(begin[at], lo), np.minimum(begin[at] + self.side, hi)
-            cell = values[at].reshape(shape)
-            full[_cut(first - lo, last - lo)] = cell[_cut(first - begin[at], last - begin[at])]
-        return full
+        return dense_box(self.blocks, self.side, values, fill, *self._region(region))
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the map as a Zarr folder: see `oddsmap.posterior.full_map.store`."""
@@ -171,8 +178,3 @@ class FullMap(Belief):
 
     def _notes(self) -> dict[str, object]:
         return {"prior": self.prior, "estimator": "full-map"}
-
-
-def _cut(first: IntArray, last: IntArray) -> tuple[slice, ...]:
-    # Arrays have x as their last axis, indices as their first.
-    return tuple(slice(int(a), int(b)) for a, b in zip(first[::-1], last[::-1], strict=True))

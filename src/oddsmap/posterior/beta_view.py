@@ -1,0 +1,330 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What all maps of reflectivities can do, whichever estimator they come from.
+
+A cell's reflectivity is the chance that it returns a beam which reaches it. What is known of it is
+a Beta distribution, and cells are independent of each other.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.posterior.belief import Region
+from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
+from oddsmap.probability_map import ProbabilityMap, State, Thresholds
+
+if TYPE_CHECKING:
+    from oddsmap.export.ros_reader import RosMode
+
+__all__ = ["BetaView", "IntervalKind", "Quantity", "check_beta_prior"]
+
+IntArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+Quantity = Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-above"]
+
+
+def check_beta_prior(a: float, b: float) -> None:
+    """Refuse weights of a Beta prior that are not above 0 and finite (ConfigError)."""
+    for name, weight in (("a", a), ("b", b)):
+        if not 0.0 < weight < math.inf:
+            raise ConfigError(f"the Beta prior's {name} is a weight above 0, got {weight}")
+
+
+class BetaView(ABC):
+    """p(reflectivity | z_1:t) of each cell, a Beta distribution.
+
+    Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
+    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in space. Cells
+    of which nothing is known have the values of the Beta(a, b) prior.
+
+    Args:
+        a: the prior's weight of hits [votes], above 0; a = b = 1 is uniform.
+        b: its weight of passes [votes], above 0.
+        threshold: reflectivity that tells occupied from free.
+        level: mass of the credible interval.
+        kind: "equal-tailed" or "highest-density" (the shortest): see
+            `oddsmap.posterior.beta.beta_interval`.
+
+    Raises:
+        ConfigError: a value is outside its range.
+    """
+
+    def __init__(
+        self, *, a: float, b: float, threshold: float, level: float, kind: IntervalKind
+    ) -> None:
+        check_beta_prior(a, b)
+        for name, value in (("threshold", threshold), ("level", level)):
+            if not 0.0 < value < 1.0:
+                raise ConfigError(f"{name} lies between 0 and 1, got {value}")
+        if kind not in get_args(IntervalKind):
+            known = " or ".join(get_args(IntervalKind))
+            raise ConfigError(f"the interval is {known}, got {kind!r}")
+        self.a, self.b = float(a), float(b)
+        self.threshold, self.level, self.kind = threshold, level, kind
+
+    @property
+    @abstractmethod
+    def ndim(self) -> int:
+        """2 for a map of the plane, 3 for a map of space."""
+
+    @property
+    @abstractmethod
+    def resolution(self) -> float:
+        """Side of a cell [m]."""
+
+    @abstractmethod
+    def bounds(self) -> tuple[IntArray, IntArray] | None:
+        """The box of known cells: first index and past the last, shape (d,); None: no cells."""
+
+    @abstractmethod
+    def parameters(self, region: Region | None = None) -> tuple[FloatArray, FloatArray]:
+        """Alpha and beta of a region's cells; a and b where nothing is known."""
+
+    @abstractmethod
+    def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:
+        """True where something is known of a region's cells."""
+
+    @abstractmethod
+    def cells(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """The known cells, in order of their index, x changing fastest.
+
+        Returns:
+            index, shape (n, d), x first; alpha and beta, shape (n,).
+        """
+
+    @abstractmethod
+    def _counts(self) -> tuple[FloatArray, FloatArray]:
+        """Weights of hits and passes of the known cells [votes], shape (n,)."""
+
+    def mean(self, region: Region | None = None) -> FloatArray:
+        """Expected reflectivity: alpha / (alpha + beta)."""
+        return _mean(*self.parameters(region))
+
+    def mode(self, region: Region | None = None) -> FloatArray:
+        """Most probable reflectivity: (alpha - 1) / (alpha + beta - 2).
+
+        Where alpha or beta is 1 or less the density is largest at 0 or at 1, and NaN where it is
+        flat or has two peaks: see `oddsmap.posterior.beta.beta_mode`.
+        """
+        return beta_mode(*self.parameters(region))
+
+    def std(self, region: Region | None = None) -> FloatArray:
+        """Standard deviation of the reflectivity."""
+        return _std(*self.parameters(region))
+
+    def interval(
+        self,
+        region: Region | None = None,
+        *,
+        level: float | None = None,
+        kind: IntervalKind | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Credible interval of the reflectivity: lower and upper ends.
+
+        Args:
+            region: which cells.
+            level: mass inside; None: the view's.
+            kind: None: the view's.
+        """
+        mass, which = self.level if level is None else level, kind or self.kind
+        lower, upper = self._on_pairs(
+            lambda alpha, beta: np.stack(beta_interval(alpha, beta, mass, which)), region
+        )
+        return lower, upper
+
+    def p_above(
+        self, region: Region | None = None, *, threshold: float | None = None
+    ) -> FloatArray:
+        """P(reflectivity > threshold); None: the view's threshold."""
+        limit = self.threshold if threshold is None else threshold
+        if not 0.0 < limit < 1.0:
+            raise ConfigError(f"threshold lies between 0 and 1, got {limit}")
+        above: FloatArray = self._on_pairs(
+            lambda alpha, beta: _p_above(alpha, beta, limit)[None], region
+        )[0]
+        return above
+
+    def state(self, region: Region | None = None) -> npt.NDArray[np.int8]:
+        """Decide by the credible interval: values of `oddsmap.State`.
+
+        Occupied where the whole interval lies above the threshold, free where it lies below,
+        undecided where it straddles it, unknown where nothing is known.
+        """
+        box = self._region(region)
+        lower, upper = self.interval(box)
+        state = np.full(lower.shape, State.UNDECIDED, np.int8)
+        state[lower > self.threshold] = State.OCCUPIED
+        state[upper < self.threshold] = State.FREE
+        state[~self.observed(box)] = State.UNKNOWN
+        return state
+
+    def quantity(self, name: Quantity, region: Region | None = None) -> FloatArray:
+        """One of the quantities by its name on the command line.
+
+        Raises:
+            ConfigError: an unknown name.
+        """
+        if name == "lower":
+            return self.interval(region)[0]
+        if name == "upper":
+            return self.interval(region)[1]
+        if name == "interval-width":
+            lower, upper = self.interval(region)
+            return upper - lower
+        known: dict[str, Callable[[Region | None], FloatArray]] = {
+            "mean": self.mean, "mode": self.mode, "std": self.std, "p-above": self.p_above
+        }  # fmt: skip
+        if name not in known:
+            raise ConfigError(f"{name!r} is no quantity; known: {', '.join(get_args(Quantity))}")
+        return known[name](region)
+
+    def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
+        """The mean with its place in the world; maps of the plane only.
+
+        Raises:
+            InputError: a map of space.
+        """
+        return self._plane("mean", region)
+
+    def save_ros(
+        self, path: str | os.PathLike[str], *, mode: RosMode = "scale", force: bool = False
+    ) -> tuple[Path, Path]:
+        """Write the mean as a ROS map of probabilities: see `oddsmap.export.ros.save_ros`.
+
+        The thresholds written are 0 and 1, so that readers take every value as it is.
+
+        Raises:
+            ConfigError: mode "trinary", which would make free and occupied of the mean.
+        """
+        from oddsmap.export.ros import save_ros
+
+        if mode == "trinary":
+            raise ConfigError(f'{path}: a mean reflectivity is no state; use mode "scale" or "raw"')
+        return save_ros(
+            self.to_probability_map(),
+            Path(path),
+            mode=mode,
+            thresholds=Thresholds(0.0, 1.0),
+            force=force,
+        )
+
+    def save_png(
+        self, path: str | os.PathLike[str], *, show: Quantity = "mean", force: bool = False
+    ) -> None:
+        """Draw a quantity: see `oddsmap.plot.quantity.save_quantity`.
+
+        Args:
+            path: the `.png` to write.
+            show: what to draw.
+            force: True where an existing file may be replaced.
+        """
+        from oddsmap.plot.quantity import save_quantity
+
+        whole = show not in ("std", "interval-width")
+        save_quantity(
+            self._plane(show), Path(path), label=self._label(show),
+            limits=(0.0, 1.0) if whole else None, force=force,
+        )  # fmt: skip
+
+    def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write cells, counts and the posterior: see `oddsmap.export.npz.save_npz`.
+
+        `probability` is the mean; `std`, `lower` and `upper` (float32) are added.
+        """
+        from oddsmap.export.npz import save_npz
+
+        index, alpha, beta = self.cells()
+        hits, passes = self._counts()
+        lower, upper = _on_unique_pairs(
+            lambda x, y: np.stack(beta_interval(x, y, self.level, self.kind)), alpha, beta
+        )
+        save_npz(
+            Path(path),
+            index=index,
+            hits=hits,
+            passes=passes,
+            probability=_mean(alpha, beta),
+            observed=np.ones(len(index), np.bool_),
+            resolution=self.resolution,
+            extra={"std": _std(alpha, beta), "lower": lower, "upper": upper},
+            force=force,
+        )
+
+    def _label(self, show: Quantity) -> str:
+        interval = f"{100.0 * self.level:g} % {self.kind} interval"
+        return {
+            "mean": "mean reflectivity",
+            "mode": "most probable reflectivity",
+            "std": "standard deviation of the reflectivity",
+            "interval-width": f"width of the {interval} of the reflectivity",
+            "lower": f"lower end of the {interval} of the reflectivity",
+            "upper": f"upper end of the {interval} of the reflectivity",
+            "p-above": f"P(reflectivity > {self.threshold:g})",
+        }[show]
+
+    def _plane(self, name: Quantity, region: Region | None = None) -> ProbabilityMap:
+        if self.ndim != 2:
+            raise InputError(
+                "a picture or a ROS map needs a map of the plane, this one is of space; "
+                "write its reflectivity as .npz"
+            )
+        lo, hi = self._region(region)
+        resolution = self.resolution
+        return ProbabilityMap(
+            probability=self.quantity(name, (lo, hi)),
+            observed=self.observed((lo, hi)),
+            resolution=resolution,
+            origin=(float(lo[0]) * resolution, float(lo[1]) * resolution),
+        )
+
+    def _region(self, region: Region | None) -> tuple[IntArray, IntArray]:
+        if region is not None:
+            return np.asarray(region[0], np.int64), np.asarray(region[1], np.int64)
+        nothing = np.zeros(self.ndim, np.int64)
+        return self.bounds() or (nothing, nothing)
+
+    def _on_pairs(
+        self, function: Callable[[FloatArray, FloatArray], FloatArray], region: Region | None
+    ) -> FloatArray:
+        return _on_unique_pairs(function, *self.parameters(region))
+
+
+def _on_unique_pairs(
+    function: Callable[[FloatArray, FloatArray], FloatArray], alpha: FloatArray, beta: FloatArray
+) -> FloatArray:
+    """A function of (alpha, beta), shape (k, ...), evaluated once for each pair that occurs.
+
+    Maps have far fewer pairs than cells, and a quantile takes microseconds.
+    """
+    rows, row = np.unique(alpha.ravel(), return_inverse=True)
+    columns, column = np.unique(beta.ravel(), return_inverse=True)
+    pairs, pair = np.unique(row * len(columns) + column, return_inverse=True)
+    if len(pairs) == 0:
+        return np.empty((len(function(np.ones(1), np.ones(1))), *alpha.shape))
+    values = function(rows[pairs // len(columns)], columns[pairs % len(columns)])
+    return values[:, pair].reshape(-1, *alpha.shape)
+
+
+def _mean(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    return alpha / (alpha + beta)
+
+
+def _std(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    total = alpha + beta
+    return np.sqrt(alpha / total * (beta / total) / (total + 1.0))
+
+
+def _p_above(alpha: FloatArray, beta: FloatArray, threshold: float) -> FloatArray:
+    from scipy.special import betainc
+
+    # The upper tail as the lower one of 1 - m: no digits are lost where it is small.
+    return np.asarray(betainc(beta, alpha, 1.0 - threshold))

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reflection maps from beams of any width: glass and leaves under a sonar's cone.
+
+Counting gives a hit of a wide beam to all cells of an arc. Here the forward model p(z | map, pose)
+shares it among them by how likely each is to have caused it, all cells being estimated together:
+the factors of full-map estimation, with a Beta distribution of each cell's reflectivity in place
+of a probability of being occupied (`kernels/beta_factor.py`).
+
+    scans -> BeamCollector       # collector.py: the cells of each beam, numbered
+          -> filter_beams        # assumed density: one pass, in the order of the log
+         (-> expected_counts     # EM: from there on, until the means rest)
+          -> ReflectionMap
+
+It is a poor estimator of whether a cell is occupied: that is what `build_full_map` is for.
+
+Source: Minka, Expectation propagation (2001), for assumed-density filtering; Luft, Schaefer,
+Schubert, Burgard, Closed-form full map posteriors (2018), for Beta maps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterable
+from functools import cache
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.config import Config, MapConfig
+from oddsmap.errors import ConfigError
+from oddsmap.integrate import said_of_sensor
+from oddsmap.kernels.marks import REACHED
+from oddsmap.posterior.beta_view import check_beta_prior
+from oddsmap.posterior.full_map.collector import BeamCollector
+from oddsmap.posterior.full_map.field import CellField
+from oddsmap.posterior.full_map.reflection_map import ReflectionMap
+from oddsmap.scan import Log
+from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.cone_beams import Beams
+from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
+
+if TYPE_CHECKING:
+    from oddsmap.kernels.beam_factor import BeamRows
+    from oddsmap.kernels.first_echo import Noise
+
+__all__ = ["ReflectionMethod", "build_reflection_map"]
+
+FloatArray = npt.NDArray[np.float64]
+ReflectionMethod = Literal["adf", "em"]
+
+# EM ends once the means of cells change by less than this on average.
+_REST = 1e-5
+
+
+def build_reflection_map(
+    log: Log | Iterable[Measurement],
+    resolution: float,
+    *,
+    sensor: Sensor | None = None,
+    a: float = 0.1,
+    b: float = 0.1,
+    range_bias: float | None = None,
+    method: ReflectionMethod = "adf",
+    sweeps: int = 50,
+    progress: Callable[[int, float], None] | None = None,
+) -> ReflectionMap:
+    """Estimate how often each cell returns the beams that reach it, whatever their width.
+
+    "adf", assumed-density filtering, looks at each beam once, in the order of the log, and keeps
+    all that a Beta distribution can hold of what it says. "em" goes on from there with fractional
+    counts: of each beam, how likely a cell was to have returned it, or to have let it pass, under
+    the current means; the counts of the last round, with the prior, are the result.
+
+    Args:
+        log: what `open_log` gives, or any scans.
+        resolution: side of a cell [m].
+
+    Other Args:
+        sensor: the sensor model; default: what the log says of its sensor, as in `build_map`. Its
+            `detection` has no say: what a cell returns is what is estimated.
+        a: the Beta prior's weight of hits. By default cells are held to be free or solid rather
+            than half-way, as most are: the flat prior, a = b = 1, takes hundreds of free cells in
+            a cone for glass.
+        b: its weight of passes.
+        range_bias: how far behind the nearest point of its cell a surface lies [m]; None: half a
+            cell.
+        method: "adf" or "em".
+        sweeps: "em": the most rounds.
+        progress: called after each round of "em" with its number and the mean change.
+
+    Returns:
+        The map; its `report` says what was used and what was skipped.
+
+    Raises:
+        InputError: no usable scan, or scans of the plane and of space together.
+        ConfigError: a parameter outside its range, or a sensor without range_max.
+        MapTooLargeError: it would not fit in memory.
+    """
+    from oddsmap.kernels.beam_factor import NAT
+    from oddsmap.posterior.full_map.rows import note_observed
+
+    check_beta_prior(a, b)
+    if method not in get_args(ReflectionMethod):
+        raise ConfigError(
+            f"a reflection map's method is {' or '.join(get_args(ReflectionMethod))}, "
+            f"got {method!r}"
+        )
+    if sweeps < 1:
+        raise ConfigError(f"sweeps: at least 1 is needed, got {sweeps}")
+    if sensor is None:
+        said = said_of_sensor(log)
+        sensor = KINDS[said.pop("kind")](**said)
+    config = Config(
+        map=MapConfig(resolution=float(resolution), votes=sensor.default_votes), sensor=sensor
+    )
+    collector = BeamCollector(config, "reflection")
+    collector.add_log(log)
+    bias = resolution / 2 if range_bias is None else float(range_bias)
+    model = dataclasses.replace(collector.model, detection=1.0, range_bias=bias)
+    compile_s = _compile()
+    started = time.perf_counter()
+    field, rows = collector.list_beams((0.5, 0.5), model)
+    noise = model.noise(resolution)
+    alpha, beta = _filtered(field, rows, noise, a, b)
+    if method == "em":
+        alpha, beta = _counted(rows, noise, alpha, beta, (a, b), sweeps, progress)
+    field.belief[:] = np.rint((np.log(alpha) - np.log(beta)) * NAT)
+    note_observed(field, rows, model, resolution, np.ones(1))
+    shape = (-1, field.block_cells)
+    found = ReflectionMap(
+        config,
+        field.coords,
+        alpha.reshape(shape),
+        beta.reshape(shape),
+        field.observed.reshape(shape) == REACHED,
+        a=a,
+        b=b,
+    )
+    found.report = collector.report
+    found.report.compile_s += compile_s
+    found.report.integrate_s += time.perf_counter() - started
+    found.provenance = [
+        {**entry, "method": method, "range_bias": bias} for entry in collector.provenance
+    ]
+    return found
+
+
+def _filtered(
+    field: CellField, rows: BeamRows, noise: Noise, a: float, b: float
+) -> tuple[FloatArray, FloatArray]:
+    from oddsmap.kernels.beta_factor import filter_beams
+
+    alpha, beta = np.full(len(field.belief), float(a)), np.full(len(field.belief), float(b))
+    filter_beams(rows, np.arange(len(rows.readings)), noise, np.ones(1), alpha, beta)
+    return alpha, beta
+
+
+def _counted(
+    rows: BeamRows,
+    noise: Noise,
+    alpha: FloatArray,
+    beta: FloatArray,
+    prior: tuple[float, float],
+    rounds: int,
+    progress: Callable[[int, float], None] | None,
+) -> tuple[FloatArray, FloatArray]:
+    """EM from Beta distributions on: the prior and the expected counts of the last round."""
+    from oddsmap.kernels.beta_factor import VOTE, expected_counts
+
+    met = np.unique(rows.cells)
+    for number in range(1, rounds + 1):
+        mean = alpha / (alpha + beta)
+        hits, passes = np.zeros((2, len(alpha)), np.int64)
+        # Trials that tell something of the cell alone: with others counted, intervals of cells
+        # that a cone hardly touches would be too narrow.
+        expected_counts(rows, noise, np.ones(1), mean, True, hits, passes)
+        alpha, beta = prior[0] + hits / VOTE, prior[1] + passes / VOTE
+        moved = float(np.mean(np.abs(alpha / (alpha + beta) - mean)[met])) if len(met) else 0.0
+        if progress is not None:
+            progress(number, moved)
+        if moved < _REST:
+            break
+    return alpha, beta
+
+
+def _compile() -> float:
+    """Compile the kernels, or load them from the cache; returns the seconds that took."""
+    started = time.perf_counter()
+    _compile_once()
+    return time.perf_counter() - started
+
+
+@cache
+def _compile_once() -> None:
+    # Toy maps go through the same kernels, one of the plane and one of space.
+    from oddsmap.posterior.full_map.rows import list_rows, note_observed
+
+    model = ConeSensor(cone_deg=30.0, range_max=3.0).forward_model()
+    for d in (2, 3):
+        field = CellField(d, 0)
+        beams = Beams(np.zeros((1, d)), np.eye(d)[:1], np.array([2.0]))
+        rows = list_rows(field, beams, model, 1.0)
+        alpha, beta = _filtered(field, rows, model.noise(1.0), 0.1, 0.1)
+        _counted(rows, model.noise(1.0), alpha, beta, (0.1, 0.1), 1, None)
+        note_observed(field, rows, model, 1.0, np.ones(1))

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`oddsmap score`, and `oddsmap build --hold-out`."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oddsmap.hold_out import hold_out
+from oddsmap.posterior.full_map.store import load_full_map
+from oddsmap.readers import open_log
+from oddsmap.scoring.held_out import score_map
+from oddsmap.simulate.sonar2d import Sonar2D
+from oddsmap.store import load_map
+from tests.cli.conftest import Run
+from tests.scoring.test_calibration import poses, room
+
+CELL = 0.1
+
+
+@pytest.fixture(scope="module")
+def sonar(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ring of 12 sonars at 30 poses in a room."""
+    ring = Sonar2D(beam_count=12, cone_deg=25.0, range_max=2.5, p_random=0.05, p_dropout=0.05)
+    rng = np.random.default_rng(1)
+    rows = []
+    for pose in poses(30, 1):
+        scan = ring.scan(room(), CELL, pose, rng)
+        axes = scan.directions @ pose.rotation.T
+        heading = np.arctan2(axes[:, 1], axes[:, 0])
+        rows += [
+            (*pose.translation, a, min(z, 2.5)) for a, z in zip(heading, scan.ranges, strict=True)
+        ]
+    path = tmp_path_factory.mktemp("logs") / "sonar.npz"
+    np.savez(
+        path, beams=np.array(rows), cone_deg=25.0, range_max=2.5, p_random=0.05, p_dropout=0.05
+    )
+    return path
+
+
+@pytest.fixture
+def full(run: Run, sonar: Path, tmp_path: Path) -> Path:
+    out = tmp_path / "full.zarr"
+    words = ("--resolution", CELL, "--estimator", "full-map", "--hold-out", 0.1, "-o", out)
+    done = run("build", sonar, *words, "--json")
+    assert (done.status, done.json["scans"], done.json["held_out"]) == (0, 27, 3)
+    return out
+
+
+@pytest.fixture
+def evidence(run: Run, sonar: Path, tmp_path: Path) -> Path:
+    out = tmp_path / "evidence.zarr"
+    done = run("build", sonar, "--resolution", CELL, "--hold-out", 0.2, "-o", out)
+    assert done.status == 0
+    assert "held out 6 scans" in done.out
+    return out
+
+
+def test_held_out_scans_are_scored_and_were_not_mapped(
+    run: Run, sonar: Path, full: Path, evidence: Path
+) -> None:
+    assert load_map(evidence).provenance[0]["hold_out_every"] == 5
+    assert load_full_map(full).provenance[0]["hold_out_every"] == 10
+    for path, every in ((full, 10), (evidence, 5)):
+        done = run("score", path, sonar, "--held-out", "--json")
+        assert done.status == 0
+        assert done.err == ""
+        assert done.json["held_out_every"] == every
+        assert (done.json["scans"], done.json["beams"]) == (30 // every, 12 * (30 // every))
+    log = open_log(sonar)
+    kept, held = hold_out(log, 10)
+    grid = load_full_map(full)
+    assert sum(entry["scans"] for entry in grid.provenance) == len(kept) == 27
+    expected = score_map(grid, held, grid.config.sensor)
+    said = run("score", full, sonar, "--held-out", "--json").json
+    assert said["log_likelihood"] == expected.log_likelihood
+    assert said["ece"] == expected.ece
+    assert [entry["count"] for entry in said["reliability"]] == expected.reliability.count.tolist()
+    assert said["log_likelihood"] > said["constant_log_likelihood"]
+
+
+def test_words(run: Run, sonar: Path, full: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "curve.png"
+    done = run("score", full, sonar, "--held-out", "--plot", picture)
+    assert done.status == 0
+    assert "scored    3 scans, 36 beams" in done.out
+    assert "nats a beam" in done.out
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "exists already" in run("score", full, sonar, "--plot", picture).line
+    assert run("score", full, sonar, "--plot", picture, "--force").status == 0
+
+
+def test_scoring_what_was_mapped_is_said(run: Run, sonar: Path, full: Path) -> None:
+    done = run("score", full, sonar, "--json")
+    assert done.json["scans"] == 30
+    assert done.json["held_out_every"] is None
+    assert "the map was made from this log: scores are too good" in done.err
+
+
+def test_another_sensor_model(run: Run, sonar: Path, full: Path) -> None:
+    words = ("score", full, sonar, "--held-out", "--json")
+    own = run(*words).json
+    other = run(*words, "--set", "sensor.p_random=0.5", "--set", "sensor.sigma=0.3").json
+    assert other["log_likelihood"] < own["log_likelihood"]
+    assert other["beams"] == own["beams"]
+    ray = run(*words, "--set", "sensor.kind=beam").json
+    assert ray["log_likelihood"] != own["log_likelihood"]
+
+
+def test_a_second_log_needs_no_hold_out(
+    run: Run, sonar: Path, evidence: Path, tmp_path: Path
+) -> None:
+    second = tmp_path / "second.npz"
+    second.write_bytes(sonar.read_bytes())
+    done = run("score", evidence, second, "--json")
+    assert (done.status, done.json["scans"], done.err) == (0, 30, "")
+    line = run("score", evidence, second, "--held-out").line
+    assert "no scan of second.npz held out; build it with --hold-out 0.1" in line
+
+
+def test_narrow_beams(run: Run, office: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.zarr"
+    assert run("build", office, "--resolution", 0.2, "--hold-out", 0.25, "-o", out).status == 0
+    done = run("score", out, office, "--held-out", "--json")
+    assert (done.status, done.json["scans"]) == (0, 5)
+    assert done.json["beams"] + done.json["skipped"]["beam.no_return"] == 5 * 180
+    assert math.isfinite(done.json["log_likelihood"])
+
+
+@pytest.mark.parametrize("share", [0, 0.6, -1])
+def test_wrong_shares(run: Run, sonar: Path, tmp_path: Path, share: float) -> None:
+    out = tmp_path / "m.zarr"
+    line = run("build", sonar, "--resolution", CELL, "--hold-out", share, "-o", out).line
+    assert f"--hold-out {share:g}: the share of scans kept back lies above 0 and up to 0.5" in line
+    assert not out.exists()
+
+
+def test_wrong_words(run: Run, sonar: Path, full: Path, tmp_path: Path) -> None:
+    assert "give a name that ends in .png" in run("score", full, sonar, "--plot", "a.pdf").line
+    assert "not a saved map" in run("score", sonar, sonar).line
+    assert "no.zarr: not a saved map" in run("score", tmp_path / "no.zarr", sonar).line
+    assert "p_random lies above 0" in (run("score", full, sonar, "--set", "sensor.p_random=0").line)
+    overhead = run("score", full, sonar, "--set", "sensor.kind=overhead").line
+    assert "a sensor of kind overhead has no forward model" in overhead
+    assert "did you mean" in run("score", full, sonar, "--set", "sensor.p_randm=0.1").line
