@@ -130,6 +130,19 @@ def test_narrow_beams_have_no_width() -> None:
     assert abs(found.values["p_dropout"] - 0.04) < 0.02
 
 
+def test_what_never_happens_stays_possible() -> None:
+    """A sensor without dropouts: the rate stays above 0, at its bound, without an error."""
+    model = dataclasses.replace(TRUE, p_dropout=0.0, detection=1.0).forward_model()
+    scans = [
+        dataclasses.replace(scan, ranges=np.where(np.isfinite(scan.ranges), scan.ranges, np.nan))
+        for scan in drawn(model, 20)
+    ]
+    found = calibrate(scans, CELL, sensor=START, noise_only=True)
+    assert found.values["p_dropout"] == 1e-4
+    assert math.isnan(found.errors["p_dropout"])
+    assert "p_dropout = 0.0001  # at its bound" in found.to_toml()
+
+
 def test_threads_change_no_bit() -> None:
     scans = drawn(TRUE.forward_model(), 15)
     one, two = (calibrate(scans, CELL, sensor=START, noise_only=True, threads=n) for n in (1, 2))

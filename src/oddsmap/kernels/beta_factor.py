@@ -6,7 +6,7 @@ A beam's likelihood is linear in the rho of each of its cells, all others averag
 
     f(rho) = mu0 (1 - rho) + mu1 rho,
 
-with the mu of `beam_factor.py` and q_i the mean reflectivity. Two ways to use it:
+with the mu of `beam_factor.py` and q_i the mean reflectivity. Three ways to use it:
 
 - Assumed density: with rho ~ Beta(a, b) the posterior after one beam is the mixture
   w Beta(a + 1, b) + (1 - w) Beta(a, b + 1), w = mu1 a / (mu1 a + mu0 b), put back to the Beta of
@@ -17,11 +17,14 @@ with the mu of `beam_factor.py` and q_i the mean reflectivity. Two ways to use i
 
   it is Beta(r (a + w), r (b + 1 - w)): sums of positive terms, so no digits are lost. Where the
   beam says nothing w = a / n and the Beta stays as it is.
+- Expectation propagation: the same again and again, each time with what the beam said before taken
+  out of its cells' Betas first. It rests where no beam has more to say, whatever their order.
 - Expected counts (the E step of EM): of each beam the probabilities that a cell was reached and
   returned it, or was reached and let it pass.
 
 docs/method/full-map.md derives both.
-Source: Minka, Expectation propagation (2001), for assumed-density filtering; Luft, Schaefer,
+Source: Minka, Expectation propagation for approximate Bayesian inference (2001), sections 3.1
+(assumed density) and 3.2; Luft, Schaefer,
 Schubert, Burgard, Closed-form full map posteriors (2018), for Beta maps.
 """
 
@@ -34,16 +37,19 @@ from oddsmap.kernels.beam_factor import BeamRows, beam_room, chances, factor
 from oddsmap.kernels.first_echo import Noise
 from oddsmap.kernels.jit import inlined, kernel
 
-__all__ = ["VOTE", "beta_update", "expected_counts", "filter_beams"]
+__all__ = ["VOTE", "beta_update", "expected_counts", "filter_beams", "revisit_beams"]
 
 VOTE = 1 << 32
 """Units of an expected count in one: counts add up exactly, in any order of the beams."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
+Told = npt.NDArray[np.float32]
 
 # Likelihoods are compared as ratios: below this both are nothing.
 _NOTHING = 1e-300
+# Weights that a Beta distribution keeps without one of its beams; else that beam has to wait.
+_LEAST = 1e-3
 
 
 @inlined
@@ -111,6 +117,72 @@ def filter_beams(
                 mu0 = max(base + part, 0.0)
                 mu1 = max(base + part * (1.0 - d[j]), 0.0)
                 a[cell], b[cell] = _moment_matched(a[cell], b[cell], mu0, mu1)
+
+
+@kernel
+def revisit_beams(
+    rows: BeamRows,
+    order: IntArray,
+    noise: Noise,
+    detection: FloatArray,
+    a: FloatArray,
+    b: FloatArray,
+    told: Told,
+) -> int:
+    """Go through beams once more: one sweep of expectation propagation.
+
+    The first sweep, with nothing told, is that of `filter_beams`.
+
+    Args:
+        rows: and the next five as in `filter_beams`.
+        order: see there.
+        noise: see there.
+        detection: see there.
+        a: see there.
+        b: see there.
+        told: what each row has added to a and to b of its cell, changed in place, shape (rows, 2).
+
+    Returns:
+        How many rows had to be left as they were, since without them, or with their new message, a
+        cell's distribution would be none.
+    """
+    u, d, groups, starts = beam_room(rows)
+    left = 0
+    for n in range(order.shape[0]):
+        beam = order[n]
+        begin, end = rows.offsets[beam], rows.offsets[beam + 1]
+        for i in range(begin, end):
+            cell = rows.cells[i]
+            rest_a, rest_b = a[cell] - told[i, 0], b[cell] - told[i, 1]
+            if min(rest_a, rest_b) < _LEAST:
+                rest_a, rest_b = a[cell], b[cell]
+            u[i - begin] = rest_a / (rest_a + rest_b)
+        chances(rows, begin, end, detection, u, d)
+        count = factor(rows, beam, noise, u, groups, starts)
+        for g in range(count):
+            silent, here = groups[0, g], groups[1, g]
+            through, before, behind = groups[2, g], groups[3, g], groups[4, g]
+            base = before + through * here
+            gain = through * (behind - here)
+            for j in range(starts[g], starts[g + 1]):
+                i = begin + j
+                cell = rows.cells[i]
+                rest_a, rest_b = a[cell] - told[i, 0], b[cell] - told[i, 1]
+                if min(rest_a, rest_b) < _LEAST:
+                    left += 1
+                    continue
+                part = gain * (silent / u[j])
+                mu0 = max(base + part, 0.0)
+                mu1 = max(base + part * (1.0 - d[j]), 0.0)
+                new_a, new_b = _moment_matched(rest_a, rest_b, mu0, mu1)
+                # As it is stored, so that the same is taken out again.
+                say_a, say_b = np.float32(new_a - rest_a), np.float32(new_b - rest_b)
+                if min(rest_a + say_a, rest_b + say_b) < _LEAST:
+                    left += 1
+                    continue
+                a[cell], b[cell] = rest_a + say_a, rest_b + say_b
+                told[i, 0], told[i, 1] = say_a, say_b
+    return left
 
 
 @kernel

@@ -20,7 +20,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,29 +28,15 @@ from oddsmap.integrate import said_of_sensor
 from oddsmap.posterior.full_map.readings import usable_beams
 from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.scan import Log
-from oddsmap.scoring.search import climb
+from oddsmap.scoring.fit import NOISE, Fit
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.forward import ForwardModel
 from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
 
-if TYPE_CHECKING:
-    from oddsmap.scoring.leave_one_out import LeaveOneOut
+__all__ = ["Calibration", "calibrate"]
 
-__all__ = ["NOISE", "Calibration", "calibrate"]
-
-NOISE = ("p_random", "p_dropout", "sigma")
-"""What every sensor with a forward model has; cones also have `cone_deg`."""
-
-_SWEEPS, _MORE_SWEEPS = 6, 3
-# Updates end where no parameter moves by more than this; sigma and cone_deg: as a share.
-_RESTS = 5e-4
-_SIGMA_RESTS = 5e-3
-_LEAST_RANDOM = 1e-4
 # Bins are an eighth of a cell: those of a quarter would add (cell / 4)^2 / 12 to sigma^2.
 _BINS_PER_CELL = 8
-# log2 of how abruptly echoes set in at the cone's edge, and how far the search may go.
-_STEEPEST = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,7 +155,7 @@ def calibrate(
     # Before the work, not after it: a sensor with hit_width takes no sigma.
     sensor = dataclasses.replace(sensor, sigma=model.sigma)
     work = LeaveOneOut(beams, float(resolution), settings or FullMapConfig(), threads)
-    fit = _Fit(work, model, len(beams), updates, progress)
+    fit = Fit(work, model, len(beams), updates, progress)
     fit.settle()
     fit.renew_noise()
     if not noise_only:
@@ -196,118 +181,3 @@ def calibrate(
         beams=len(beams),
         skipped=skipped + Counter(getattr(log, "skipped", {})),
     )
-
-
-@dataclass(slots=True, eq=False)
-class _Fit:
-    """The parameters so far, and how each is renewed."""
-
-    work: LeaveOneOut
-    model: ForwardModel
-    beams: int
-    most_updates: int
-    progress: Callable[[str, float], None] | None
-    edge: float = 1.0
-    updates: int = 0
-    converged: bool = False
-    errors: dict[str, float] = dataclasses.field(default_factory=dict)
-
-    def settle(self) -> None:
-        self.work.settle(self.model, self.edge, _SWEEPS)
-
-    def renew_noise(self) -> None:
-        """Expectation maximisation, the map following the parameters."""
-        from oddsmap.kernels.causes import DROPOUT, LIKELIHOOD, RANDOM, SQUARES
-
-        for _ in range(self.most_updates):
-            found = self.work.causes(self.model)
-            # What no-returns are not by dropout was an echo out of reach, and says nothing of the
-            # noise: their squares are 0, and so is their weight.
-            true = np.where(self.work.no_returns, 0.0, 1.0 - found[:, RANDOM])
-            old, model = self.model, self.model
-            sigma = math.sqrt(found[:, SQUARES].sum() / true.sum())
-            self.model = dataclasses.replace(
-                model,
-                p_random=max(float(found[:, RANDOM].mean()), _LEAST_RANDOM),
-                p_dropout=float(found[:, DROPOUT].mean()),
-                sigma=max(sigma, float(model.bin_width or 0.0) / 2.0),
-            )
-            self.updates += 1
-            self._say("noise", float(np.log(found[:, LIKELIHOOD]).mean()))
-            self.work.go_on(self.model, _MORE_SWEEPS)
-            self.converged = (
-                abs(self.model.p_random - old.p_random) < _RESTS
-                and abs(self.model.p_dropout - old.p_dropout) < _RESTS
-                and abs(self.model.sigma / old.sigma - 1.0) < _SIGMA_RESTS
-            )
-            if self.converged:
-                return
-
-    def search_edge(self, angle: float, share: float) -> None:
-        """How abruptly echoes set in, the width at half the chance of an echo held.
-
-        A cell takes up `angle` [deg]; a wall's echoes set in where its centre is inside of
-        cone_deg + angle (1 - 1 / edge), so that the two are searched along that ridge.
-        """
-        wide = self.model.cone_deg + angle * (1.0 - 1.0 / self.edge)
-
-        def value(log2_edge: float) -> float:
-            edge = 2.0**log2_edge
-            return self._try(self._cone(wide - angle * (1.0 - 1.0 / edge)), edge)
-
-        peak = climb(value, math.log2(self.edge), 1.0 * share, 0.0, _STEEPEST)
-        self.edge = 2.0**peak.place
-        self.model = self._cone(wide - angle * (1.0 - 1.0 / self.edge))
-        self._say("edge", peak.value / self.beams)
-
-    def search_cone(self, angle: float, share: float) -> None:
-        """The width of the cone."""
-        step = share * min(angle, self.model.cone_deg / 4.0)
-        peak = climb(
-            lambda cone: self._try(self._cone(cone), self.edge),
-            self.model.cone_deg, step, self.model.cone_deg / 4.0, 180.0,
-        )  # fmt: skip
-        self.model = self._cone(peak.place)
-        self.errors["cone_deg"] = peak.error
-        self._say("cone_deg", peak.value / self.beams)
-
-    def search_detection(self, share: float) -> None:
-        """The chance that an occupied cell echoes."""
-        peak = climb(
-            lambda chance: self._try(
-                dataclasses.replace(self.model, detection=chance), self.edge
-            ),
-            self.model.detection, 0.06 * share, 0.05, 1.0,
-        )  # fmt: skip
-        self.model = dataclasses.replace(self.model, detection=peak.place)
-        self.errors["detection"] = peak.error
-        self._say("detection", peak.value / self.beams)
-
-    def noise_errors(self) -> dict[str, float]:
-        """Standard errors of the noise's parameters, the map held."""
-        best = self.work.log_likelihood(self.model)
-        errors = {}
-        for name in NOISE:
-            value = getattr(self.model, name)
-            step = 0.05 * value
-            if step < 1e-5 or value <= _LEAST_RANDOM:
-                errors[name] = math.nan
-                continue
-            sides = [
-                self.work.log_likelihood(dataclasses.replace(self.model, **{name: value + off}))
-                for off in (-step, step)
-            ]
-            information = (2.0 * best - sum(sides)) / step**2
-            errors[name] = 1.0 / math.sqrt(information) if information > 0.0 else math.nan
-        return errors
-
-    def _try(self, model: ForwardModel, edge: float) -> float:
-        self.work.settle(model, edge, _SWEEPS)
-        return self.work.log_likelihood(model)
-
-    def _cone(self, degrees: float) -> ForwardModel:
-        return dataclasses.replace(self.model, cone_deg=min(max(degrees, 0.1), 180.0))
-
-    def _say(self, what: str, log_likelihood: float) -> None:
-        if self.progress is not None:
-            self.progress(what, log_likelihood)

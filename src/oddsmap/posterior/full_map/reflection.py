@@ -7,19 +7,21 @@ the factors of full-map estimation, with a Beta distribution of each cell's refl
 of a probability of being occupied (`kernels/beta_factor.py`).
 
     scans -> BeamCollector       # collector.py: the cells of each beam, numbered
-          -> filter_beams        # assumed density: one pass, in the order of the log
-         (-> expected_counts     # EM: from there on, until the means rest)
+          -> filter_beams        # "adf": one pass, in the order of the log
+           | revisit_beams       # "ep": the same again, until the means rest
+         (-> expected_counts     # "em": counts, until the means rest)
           -> ReflectionMap
 
 It is a poor estimator of whether a cell is occupied: that is what `build_full_map` is for.
 
-Source: Minka, Expectation propagation (2001), for assumed-density filtering; Luft, Schaefer,
+Source: Minka, Expectation propagation for approximate Bayesian inference (2001); Luft, Schaefer,
 Schubert, Burgard, Closed-form full map posteriors (2018), for Beta maps.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Iterable
 from functools import cache
@@ -48,10 +50,11 @@ if TYPE_CHECKING:
 __all__ = ["ReflectionMethod", "build_reflection_map"]
 
 FloatArray = npt.NDArray[np.float64]
-ReflectionMethod = Literal["adf", "em"]
+ReflectionMethod = Literal["ep", "adf", "em"]
 
-# EM ends once the means of cells change by less than this on average.
+# Sweeps end once the means of cells change by less than this on average.
 _REST = 1e-5
+_SPREAD = 1.0 / 3.0
 
 
 def build_reflection_map(
@@ -62,16 +65,20 @@ def build_reflection_map(
     a: float = 0.1,
     b: float = 0.1,
     range_bias: float | None = None,
-    method: ReflectionMethod = "adf",
+    method: ReflectionMethod = "ep",
     sweeps: int = 50,
     progress: Callable[[int, float], None] | None = None,
 ) -> ReflectionMap:
     """Estimate how often each cell returns the beams that reach it, whatever their width.
 
     "adf", assumed-density filtering, looks at each beam once, in the order of the log, and keeps
-    all that a Beta distribution can hold of what it says. "em" goes on from there with fractional
-    counts: of each beam, how likely a cell was to have returned it, or to have let it pass, under
-    the current means; the counts of the last round, with the prior, are the result.
+    all that a Beta distribution can hold of what it says. "ep", expectation propagation, goes
+    through the beams again until the means rest, each time taking out what a beam has said before:
+    nearer to the truth, with better intervals, and independent of the beams' order to about 1e-5.
+    "em" goes on from "adf" with fractional counts: of each beam, how likely a cell was to have
+    returned it, or to have let it pass, under the current means; the counts of the last sweep,
+    with the prior, are the result. Under wide cones its intervals are too narrow by far, since
+    they know nothing of the doubt about the other cells.
 
     Args:
         log: what `open_log` gives, or any scans.
@@ -84,11 +91,11 @@ def build_reflection_map(
             than half-way, as most are: the flat prior, a = b = 1, takes hundreds of free cells in
             a cone for glass.
         b: its weight of passes.
-        range_bias: how far behind the nearest point of its cell a surface lies [m]; None: half a
-            cell.
-        method: "adf" or "em".
-        sweeps: "em": the most rounds.
-        progress: called after each round of "em" with its number and the mean change.
+        range_bias: how far behind the nearest point of its cell a surface lies [m]; None: 2 / pi
+            of a cell, from there to its centre, on average over all directions in the plane.
+        method: "ep", "adf" or "em".
+        sweeps: "ep", "em": the most sweeps.
+        progress: called after each sweep but that of "adf" with its number and the mean change.
 
     Returns:
         The map; its `report` says what was used and what was skipped.
@@ -99,6 +106,7 @@ def build_reflection_map(
         MapTooLargeError: it would not fit in memory.
     """
     from oddsmap.kernels.beam_factor import NAT
+    from oddsmap.kernels.beta_factor import filter_beams
     from oddsmap.posterior.full_map.rows import note_observed
 
     check_beta_prior(a, b)
@@ -117,15 +125,21 @@ def build_reflection_map(
     )
     collector = BeamCollector(config, "reflection")
     collector.add_log(log)
-    bias = resolution / 2 if range_bias is None else float(range_bias)
-    model = dataclasses.replace(collector.model, detection=1.0, range_bias=bias)
+    bias = 2.0 / math.pi * resolution if range_bias is None else float(range_bias)
+    # A surface lies anywhere in its cell: this much of a cell is the spread of that.
+    sigma = max(collector.model.sigma, _SPREAD * resolution)
+    model = dataclasses.replace(collector.model, detection=1.0, range_bias=bias, sigma=sigma)
     compile_s = _compile()
     started = time.perf_counter()
     field, rows = collector.list_beams((0.5, 0.5), model)
     noise = model.noise(resolution)
-    alpha, beta = _filtered(field, rows, noise, a, b)
+    alpha, beta = np.full(len(field.belief), float(a)), np.full(len(field.belief), float(b))
+    if method == "ep":
+        _propagate(rows, noise, alpha, beta, sweeps, progress)
+    else:
+        filter_beams(rows, np.arange(len(rows.readings)), noise, np.ones(1), alpha, beta)
     if method == "em":
-        alpha, beta = _counted(rows, noise, alpha, beta, (a, b), sweeps, progress)
+        alpha, beta = _count(rows, noise, alpha, beta, sweeps, progress, (a, b))
     field.belief[:] = np.rint((np.log(alpha) - np.log(beta)) * NAT)
     note_observed(field, rows, model, resolution, np.ones(1))
     shape = (-1, field.block_cells)
@@ -147,42 +161,64 @@ def build_reflection_map(
     return found
 
 
-def _filtered(
-    field: CellField, rows: BeamRows, noise: Noise, a: float, b: float
-) -> tuple[FloatArray, FloatArray]:
-    from oddsmap.kernels.beta_factor import filter_beams
-
-    alpha, beta = np.full(len(field.belief), float(a)), np.full(len(field.belief), float(b))
-    filter_beams(rows, np.arange(len(rows.readings)), noise, np.ones(1), alpha, beta)
-    return alpha, beta
-
-
-def _counted(
+def _propagate(
     rows: BeamRows,
     noise: Noise,
     alpha: FloatArray,
     beta: FloatArray,
-    prior: tuple[float, float],
-    rounds: int,
+    most: int,
     progress: Callable[[int, float], None] | None,
+) -> None:
+    """Expectation propagation from the prior on, in place."""
+    from oddsmap.kernels.beta_factor import revisit_beams
+
+    order = np.arange(len(rows.readings))
+    told = np.zeros((len(rows.cells), 2), np.float32)
+    met = np.unique(rows.cells)
+    for number in range(1, most + 1):
+        mean = alpha / (alpha + beta)
+        revisit_beams(rows, order, noise, np.ones(1), alpha, beta, told)
+        if _rests(number, mean, alpha / (alpha + beta), met, progress):
+            break
+
+
+def _count(
+    rows: BeamRows,
+    noise: Noise,
+    alpha: FloatArray,
+    beta: FloatArray,
+    most: int,
+    progress: Callable[[int, float], None] | None,
+    prior: tuple[float, float],
 ) -> tuple[FloatArray, FloatArray]:
-    """EM from Beta distributions on: the prior and the expected counts of the last round."""
+    """EM from Beta distributions on: the prior and the expected counts of the last sweep."""
     from oddsmap.kernels.beta_factor import VOTE, expected_counts
 
     met = np.unique(rows.cells)
-    for number in range(1, rounds + 1):
+    for number in range(1, most + 1):
         mean = alpha / (alpha + beta)
         hits, passes = np.zeros((2, len(alpha)), np.int64)
         # Trials that tell something of the cell alone: with others counted, intervals of cells
         # that a cone hardly touches would be too narrow.
         expected_counts(rows, noise, np.ones(1), mean, True, hits, passes)
         alpha, beta = prior[0] + hits / VOTE, prior[1] + passes / VOTE
-        moved = float(np.mean(np.abs(alpha / (alpha + beta) - mean)[met])) if len(met) else 0.0
-        if progress is not None:
-            progress(number, moved)
-        if moved < _REST:
+        if _rests(number, mean, alpha / (alpha + beta), met, progress):
             break
     return alpha, beta
+
+
+def _rests(
+    number: int,
+    before: FloatArray,
+    after: FloatArray,
+    met: npt.NDArray[np.int32],
+    progress: Callable[[int, float], None] | None,
+) -> bool:
+    """Whether a sweep has left the means of the cells that beams meet as they were."""
+    moved = float(np.mean(np.abs(after - before)[met])) if len(met) else 0.0
+    if progress is not None:
+        progress(number, moved)
+    return moved < _REST
 
 
 def _compile() -> float:
@@ -195,6 +231,7 @@ def _compile() -> float:
 @cache
 def _compile_once() -> None:
     # Toy maps go through the same kernels, one of the plane and one of space.
+    from oddsmap.kernels.beta_factor import filter_beams
     from oddsmap.posterior.full_map.rows import list_rows, note_observed
 
     model = ConeSensor(cone_deg=30.0, range_max=3.0).forward_model()
@@ -202,6 +239,8 @@ def _compile_once() -> None:
         field = CellField(d, 0)
         beams = Beams(np.zeros((1, d)), np.eye(d)[:1], np.array([2.0]))
         rows = list_rows(field, beams, model, 1.0)
-        alpha, beta = _filtered(field, rows, model.noise(1.0), 0.1, 0.1)
-        _counted(rows, model.noise(1.0), alpha, beta, (0.1, 0.1), 1, None)
+        alpha, beta = np.full((2, len(field.belief)), 0.1)
+        filter_beams(rows, np.arange(1), model.noise(1.0), np.ones(1), alpha, beta)
+        _propagate(rows, model.noise(1.0), alpha, beta, 1, None)
+        _count(rows, model.noise(1.0), alpha, beta, 1, None, (0.1, 0.1))
         note_observed(field, rows, model, 1.0, np.ones(1))
