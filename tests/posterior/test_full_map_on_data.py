@@ -56,7 +56,7 @@ def sonar_map(path: Path, **others: float) -> FullMap:
 
 def scores_of(path: Path) -> tuple[float, float, float]:
     grid = sonar_map(path, **(SPECULAR if path.name.startswith("E6") else {}))
-    assert grid.converged
+    assert grid.residual < 0.01
     with np.load(path) as arrays:
         truth, scored = arrays["truth"], arrays["scored"]
     ny, nx = truth.shape
@@ -127,6 +127,17 @@ def test_a_lidar_log(data_folder: Path) -> None:
     filtered = build_map(log, 0.1).log_odds()
     both = seen & filtered.observed(box)
     assert both.sum() > 0.9 * seen.sum()
-    walls, theirs = p[both] > 0.65, filtered.probability(box)[both] > 0.65
-    assert (walls == theirs).mean() > 0.95
-    assert np.count_nonzero(walls & theirs) > 0.7 * np.count_nonzero(walls | theirs)
+    walls, theirs = p > 0.65, filtered.probability(box) > 0.65
+    walls, theirs = walls & seen, theirs & filtered.observed(box)
+    # Thinner by a third: a noisy wall is one cell here, and two cells to the filter.
+    assert np.count_nonzero(walls) > 4000
+    for some, others in ((walls, theirs), (theirs, walls)):
+        assert (some & near(others)).sum() > 0.95 * some.sum()
+
+
+def near(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The cells and the eight around each."""
+    wide = np.pad(cells, 1)
+    ny, nx = cells.shape
+    parts = [wide[y : y + ny, x : x + nx] for y in range(3) for x in range(3)]
+    return np.asarray(np.any(parts, axis=0))
