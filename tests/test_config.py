@@ -15,11 +15,19 @@ from oddsmap import BeamSensor, ConeSensor, GridScan, Scan, build_map
 from oddsmap.config import Config, MapConfig, PosteriorConfig, parse_setting, read_toml, resolve
 from oddsmap.errors import ConfigError
 from oddsmap.poses import Pose2, Pose3
+from oddsmap.posterior.full_map.estimator import FullMapEstimator
+from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.kinds import KINDS, Measurement
 from oddsmap.sensors.window import Window
+from tests.posterior.full_map_kit import room
 
-HOLDERS: dict[str, Any] = {"map": MapConfig, "posterior": PosteriorConfig, **KINDS}
+HOLDERS: dict[str, Any] = {
+    "map": MapConfig,
+    "posterior": PosteriorConfig,
+    "full_map": FullMapConfig,
+    **KINDS,
+}
 FIELDS = [
     (holder, field.name, str(field.type))
     for holder, kind in HOLDERS.items()
@@ -70,6 +78,18 @@ CHANGES: dict[str, dict[str, Any]] = {
         "path_lengths": (True, {"votes": "beam"}),
     },
     "posterior": {"prior": 0.2, "free": 0.45, "occupied": 0.75},
+    "full_map": {
+        "method": "map",
+        "prior": 0.3,
+        "coupling": 0.4,
+        "sweeps": 2,
+        "tolerance": 0.5,
+        "schedule": "sequential",
+        "chunk": 1,
+        "seed": 1,
+        "samples": (4, {"method": "gibbs", "burn_in": 2}),
+        "burn_in": (1, {"method": "gibbs", "samples": 3}),
+    },
     "beam": {
         "range_min": 0.5,
         "range_max": 2.0,
@@ -121,6 +141,8 @@ ZERO = {
     ("cone", "range_falloff"),
     ("cone", "pass_falloff"),
     ("posterior", "free"),
+    ("full_map", "coupling"),
+    ("full_map", "tolerance"),
 }
 LENGTHS = ("range_min", "range_max", "clear_range", "hit_width")
 LARGE = {
@@ -130,6 +152,8 @@ LARGE = {
     ("cone", "sigma"),
     ("map", "resolution"),
     ("map", "half_life"),
+    ("full_map", "coupling"),
+    ("full_map", "tolerance"),
 }
 
 
@@ -139,6 +163,8 @@ def section_of(holder: str) -> str:
 
 def log_and_base(holder: str, name: str) -> tuple[list[Measurement], Values]:
     """The readings that a field has a say in, and the settings that it is changed from."""
+    if holder == "full_map":
+        return [*room(20)], {**BASES["cone"], "full_map": {"sweeps": 6}}
     kind = holder if holder in KINDS else "beam"
     base = {section: dict(values) for section, values in BASES[kind].items()}
     if name == "path_lengths":  # they are not for wide hits
@@ -185,8 +211,39 @@ def test_each_field_changes_the_result(holder: str, name: str) -> None:
         ("base", values), ("also", {section: also}), ("set", {section: {name: value}})
     )
     assert base != changed
-    assert result(base, log) == result(base, log)
-    assert result(base, log) != result(changed, log)
+    made = full_map if holder == "full_map" else result
+    assert made(base, log) == made(base, log)
+    assert made(base, log) != made(changed, log)
+
+
+def full_map(config: Config, log: list[Measurement]) -> bytes:
+    estimator = FullMapEstimator(config)
+    estimator.add_log(log)
+    box = ((-10, -10), (70, 50))
+    return estimator.estimate().log_odds(box).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("section", "field"), [("sensor", name) for name in FORWARD["cone"]] + [("map", "resolution")]
+)
+def test_a_full_map_is_made_with_the_forward_model(section: str, field: str) -> None:
+    log, values = log_and_base("full_map", field)
+    value = {**FORWARD["cone"], "resolution": 0.2}[field]
+    base = resolve(("base", values))
+    changed = resolve(("base", values), ("set", {section: {field: value}}))
+    assert full_map(base, log) != full_map(changed, log)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"sweeps": 0}, {"chunk": 0}, {"seed": -1}, {"samples": 0}, {"burn_in": -1},
+        {"schedule": "random"}, {"method": "thrun"}, {"prior": 1.0},
+    ],
+)  # fmt: skip
+def test_bounds_of_the_full_map(values: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=f"full_map.{next(iter(values))} .*got"):
+        resolve(("file.toml", {"map": {"resolution": 1.0}, "full_map": values}))
 
 
 @pytest.mark.parametrize(

@@ -31,8 +31,10 @@ if TYPE_CHECKING:
     from oddsmap.posterior.changed import changed
     from oddsmap.posterior.decay import DecayRate
     from oddsmap.posterior.exact import ExactPosterior
-    from oddsmap.posterior.full_map.estimator import build_full_map
+    from oddsmap.posterior.full_map.estimator import FullMapEstimator, build_full_map
     from oddsmap.posterior.full_map.online import OnlineFullMap
+    from oddsmap.posterior.full_map.reflection import build_reflection_map
+    from oddsmap.posterior.full_map.reflection_map import ReflectionMap
     from oddsmap.posterior.full_map.settings import FullMapConfig
     from oddsmap.posterior.full_map.store import load_full_map
     from oddsmap.posterior.full_map.view import FullMap
@@ -68,6 +70,7 @@ __all__ = [
     "ForwardModel",
     "FullMap",
     "FullMapConfig",
+    "FullMapEstimator",
     "GridScan",
     "InputError",
     "LandmarkMap",
@@ -83,6 +86,7 @@ __all__ = [
     "PriorArray",
     "ProbabilityMap",
     "Reflection",
+    "ReflectionMap",
     "Scan",
     "State",
     "Thresholds",
@@ -92,6 +96,7 @@ __all__ = [
     "add_scans",
     "build_full_map",
     "build_map",
+    "build_reflection_map",
     "calibrate",
     "changed",
     "evaluate",
@@ -116,6 +121,7 @@ _HOME = {
     "ForwardModel": "sensors.forward",
     "FullMap": "posterior.full_map.view",
     "FullMapConfig": "posterior.full_map.settings",
+    "FullMapEstimator": "posterior.full_map.estimator",
     "GridScan": "sensors.overhead",
     "InputError": "errors",
     "LandmarkMap": "landmarks.landmark_map",
@@ -131,6 +137,7 @@ _HOME = {
     "PriorArray": "posterior.prior",
     "ProbabilityMap": "probability_map",
     "Reflection": "posterior.reflection",
+    "ReflectionMap": "posterior.full_map.reflection_map",
     "Scan": "scan",
     "State": "probability_map",
     "Thresholds": "probability_map",
@@ -139,6 +146,7 @@ _HOME = {
     "add_scans": "integrate",
     "build_full_map": "posterior.full_map.estimator",
     "build_map": "integrate",
+    "build_reflection_map": "posterior.full_map.reflection",
     "calibrate": "scoring.calibration",
     "changed": "posterior.changed",
     "evaluate": "scoring.truth",

@@ -33,8 +33,10 @@ def sonar(tmp_path_factory: pytest.TempPathFactory) -> Path:
         z = np.minimum(scan.ranges, 3.0)
         beams.append(np.stack([np.full(12, pose.x), np.full(12, pose.y), headings, z], axis=1))
     path = tmp_path_factory.mktemp("logs") / "sonar.npz"
-    rates = {"p_random": 0.02, "p_dropout": 0.03}
-    np.savez(path, beams=np.concatenate(beams), cone_deg=25.0, range_max=3.0, **rates)
+    np.savez(
+        path, beams=np.concatenate(beams), cone_deg=25.0, range_max=3.0, p_random=0.02,
+        p_dropout=0.03,
+    )  # fmt: skip
     return path
 
 
@@ -76,7 +78,8 @@ def test_a_sonar_log(run: Run, sonar: Path, tmp_path: Path) -> None:
     assert done.status == 0
     facts = done.json
     assert set(facts) == {
-        "output", "resolution", "estimator", "sweeps", "residual", "converged", "hits", "passes",
+        "output", "resolution", "estimator", "method", "sweeps", "residual", "converged", "hits",
+        "passes",
         "cells_known", "area_m2", "bytes_in_memory", "bytes_on_disk", "scans", "beams", "skipped",
         "read_s", "threads", "integrate_s", "compile_s",
     }  # fmt: skip
@@ -107,6 +110,27 @@ def test_words(run: Run, sonar: Path, tmp_path: Path) -> None:
     assert f"oddsmap export {tmp_path / 'm.zarr'} " in done.out
 
 
+@pytest.mark.parametrize(
+    ("method", "said"),
+    [
+        ("gibbs", "sweeps   3, marginals NOT at rest: more full_map.samples may be needed (resid"),
+        ("map", "cells at rest (residual 0)"),
+    ],
+)
+def test_other_methods(run: Run, sonar: Path, tmp_path: Path, method: str, said: str) -> None:
+    out = tmp_path / "m.zarr"
+    sets = ("--set", f"full_map.method={method}", "--set", "full_map.samples=3")
+    done = run("build", sonar, *FULL, *sets, "-o", out)
+    assert done.status == 0
+    assert said in done.out
+    settings = FullMapConfig(method=method, samples=3)
+    assert same(
+        load_full_map(out), build_full_map(oddsmap.open_log(sonar), 0.1, settings=settings)
+    )
+    assert run("info", out, "--json").json["method"] == method
+    assert run("export", out, tmp_path / "m.png").status == 0
+
+
 def test_not_at_rest(run: Run, sonar: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.zarr"
     done = run("build", sonar, *FULL, "--sweeps", 1, "-o", out)
@@ -127,7 +151,7 @@ def test_settings(run: Run, sonar: Path, tmp_path: Path) -> None:
     config = load_full_map(out).config
     assert config.full_map == FullMapConfig(schedule="sequential", sweeps=3, coupling=0.5)
     assert isinstance(config.sensor, ConeSensor)
-    assert (config.sensor.sigma, config.sensor.p_dropout) == (0.05, pytest.approx(0.03))
+    assert (config.sensor.sigma, config.sensor.p_dropout) == (0.05, 0.03)
 
 
 @pytest.mark.parametrize(
@@ -157,10 +181,7 @@ def test_sweeps_are_of_the_full_map(run: Run, sonar: Path, tmp_path: Path) -> No
 
 def test_a_log_of_grids_is_refused(run: Run, tmp_path: Path) -> None:
     path, out = tmp_path / "grids.npz", tmp_path / "m.zarr"
-    np.savez(
-        path, grids=np.zeros((1, 3, 4)), poses=np.zeros((1, 3)), grid_resolution=0.1,
-        grid_origin=(0.0, 0.0),
-    )  # fmt: skip
+    np.savez(path, grids=np.zeros((1, 3, 4), np.bool_), poses=np.zeros((1, 3)), pixel=0.1)
     assert "a sensor of kind overhead" in run("build", path, *FULL, "-o", out).line
     assert not out.exists()
 

@@ -87,7 +87,7 @@ def test_a_belief_is_its_messages_exactly(some: list[Beam]) -> None:
     belief, messages = prior.copy(), np.zeros(len(rows.cells), np.int32)
     order = np.arange(len(some))
     for _ in range(3):
-        assert sweep_in_turn(rows, order, NOISE, ALL, belief, messages) >= 0.0
+        assert sweep_in_turn(rows, order, NOISE, ALL, belief, messages, 0.0) >= 0.0
         fresh = np.empty_like(messages)
         new_messages(rows, order[::-1].copy(), NOISE, ALL, belief, messages, fresh)
         apply_messages(rows, order[::-1].copy(), belief, messages, fresh, 0.5)
@@ -101,7 +101,7 @@ def test_a_sweep_passes_messages_one_beam_after_the_other(some: list[Beam]) -> N
     rows = rows_of(some)
     prior = np.full(CELLS, -NAT, np.int64)
     belief, messages = prior.copy(), np.zeros(len(rows.cells), np.int32)
-    sweep_in_turn(rows, np.arange(len(some)), NOISE, ALL, belief, messages)
+    sweep_in_turn(rows, np.arange(len(some)), NOISE, ALL, belief, messages, 0.0)
     slow = prior.copy()
     for b, beam in enumerate(some):
         part = slice(rows.offsets[b], rows.offsets[b + 1])
@@ -114,9 +114,9 @@ def test_a_sweep_passes_messages_one_beam_after_the_other(some: list[Beam]) -> N
     # A message once taken back is not counted twice: with one beam a second sweep changes nothing.
     lone = rows_of(some[:1])
     belief, messages = prior.copy(), np.zeros(len(lone.cells), np.int32)
-    sweep_in_turn(lone, np.zeros(1, np.int64), NOISE, ALL, belief, messages)
+    sweep_in_turn(lone, np.zeros(1, np.int64), NOISE, ALL, belief, messages, 0.0)
     once = belief.copy()
-    assert sweep_in_turn(lone, np.zeros(1, np.int64), NOISE, ALL, belief, messages) == 0.0
+    assert sweep_in_turn(lone, np.zeros(1, np.int64), NOISE, ALL, belief, messages, 0.0) == 0.0
     np.testing.assert_array_equal(belief, once)
 
 

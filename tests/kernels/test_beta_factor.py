@@ -13,7 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oddsmap.kernels.beam_factor import BeamRows
-from oddsmap.kernels.beta_factor import VOTE, beta_update, expected_counts, filter_beams
+from oddsmap.kernels.beta_factor import (
+    VOTE,
+    beta_update,
+    expected_counts,
+    filter_beams,
+    revisit_beams,
+)
 from oddsmap.sensors.forward import ForwardModel
 from tests.naive.beam_factor import (
     RESOLUTION,
@@ -91,6 +97,69 @@ def test_beams_in_turn(
             slow[cell] = beta_update(slow[cell][0], slow[cell][1], mu0, mu1)
     filter_beams(rows_of(some), order, model.noise(RESOLUTION), detection, a, b)
     np.testing.assert_allclose(np.stack([a, b], axis=1), slow, rtol=1e-6)
+
+
+@given(
+    st.lists(beams(CELLS, most=CELLS), min_size=1, max_size=4), models, detections(CELLS),
+    st.lists(st.floats(0.3, 9.0), min_size=2 * CELLS, max_size=2 * CELLS),
+)  # fmt: skip
+def test_beams_again(
+    some: list[Beam], model: ForwardModel, detection: FloatArray, prior: list[float]
+) -> None:
+    """Three sweeps of expectation propagation, with likelihoods over all maps."""
+    a, b = np.array(prior).reshape(2, CELLS)
+    slow = np.stack([a, b], axis=1)
+    said = [np.zeros((len(beam.cells), 2)) for beam in some]
+    left = 0
+    for _ in range(3):
+        for beam, last in zip(some, said, strict=True):
+            cells = [cell for cell, _, _ in beam.cells]
+            without = slow[cells] - last
+            proper = without.min(axis=1) >= 1e-3
+            asked = np.where(proper[:, None], without, slow[cells])
+            q = tuple((asked[:, 0] / asked.sum(axis=1)).tolist())
+            for i, cell in enumerate(cells):
+                mu0, mu1 = (mu(model, beam, q, i, m, detection) for m in (0, 1))
+                new = np.array(beta_update(without[i, 0], without[i, 1], mu0, mu1))
+                if proper[i] and new.min() >= 1e-3:
+                    slow[cell], last[i] = new, new - without[i]
+                else:
+                    left += 1
+    rows = rows_of(some)
+    told = np.zeros((len(rows.cells), 2), np.float32)
+    order = np.arange(len(some))
+    arguments = (rows, order, model.noise(RESOLUTION), detection, a, b, told)
+    assert sum(revisit_beams(*arguments) for _ in range(3)) == left
+    np.testing.assert_allclose(np.stack([a, b], axis=1), slow, rtol=1e-4)
+
+
+def test_the_first_time_is_the_filter() -> None:
+    some, _, detection = scene()
+    rows, order = rows_of(some), np.arange(len(some))
+    one, other = np.full((2, 3), 0.5), np.full((2, 3), 0.5)
+    filter_beams(rows, order, NOISE, detection, *one)
+    told = np.zeros((len(rows.cells), 2), np.float32)
+    assert revisit_beams(rows, order, NOISE, detection, *other, told) == 0
+    np.testing.assert_allclose(one, other, rtol=1e-5)
+    # What beams said adds up to what is known now.
+    added = [np.bincount(rows.cells, told[:, k]) for k in (0, 1)]
+    np.testing.assert_allclose(other - 0.5, added, rtol=1e-5)
+
+
+def test_order_does_not_matter_where_it_rests() -> None:
+    some, truth, detection = scene()
+    rows, ends = rows_of(some), []
+    for seed in (0, 1):
+        order = np.random.default_rng(seed).permutation(len(some))
+        ab, told = np.full((2, 3), 0.5), np.zeros((len(rows.cells), 2), np.float32)
+        for _ in range(40):
+            revisit_beams(rows, order, NOISE, detection, *ab, told)
+        ends.append(ab)
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-4)
+    once = np.full((2, 3), 0.5)
+    filter_beams(rows, np.random.default_rng(0).permutation(len(some)), NOISE, detection, *once)
+    assert np.abs(once / ends[0] - 1.0).max() > 1e-3
+    np.testing.assert_allclose(ends[0][0] / ends[0].sum(axis=0), truth, atol=0.1)
 
 
 def outcomes(

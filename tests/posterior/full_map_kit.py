@@ -56,15 +56,13 @@ def wall_of_space(depth: float, count: int, seed: int = 0) -> list[Scan]:
 
 def moved(scans: Sequence[Scan], by: tuple[float, float]) -> list[Scan]:
     """The same scans from elsewhere in the plane [m]."""
-    return [
-        Scan(
-            Pose2(*(scan.map_from_sensor.translation + by), scan.map_from_sensor.theta),
-            scan.directions,
-            scan.ranges,
-        )
-        for scan in scans
-        if isinstance(scan.map_from_sensor, Pose2)
-    ]
+    there = []
+    for scan in scans:
+        pose = scan.map_from_sensor
+        assert isinstance(pose, Pose2)
+        elsewhere = Pose2(pose.x + by[0], pose.y + by[1], pose.theta)
+        there.append(Scan(elsewhere, scan.directions, scan.ranges))
+    return there
 
 
 def estimated(scans: Sequence[Scan], *, threads: int = 1, **settings: object) -> FullMap:

@@ -90,7 +90,7 @@ def test_too_many_cells_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_MOST_CELLS", 2 * 1024)
     field = CellField(2, 0)
     field.insert(np.array([[0, 0], [5, 5]]))
-    with pytest.raises(MapTooLargeError, match="up to 2\\^31 cells.*coarser resolution"):
+    with pytest.raises(MapTooLargeError, match=r"up to 2\^31 cells.*coarser resolution"):
         field.insert(np.array([[1, 0]]))
 
 

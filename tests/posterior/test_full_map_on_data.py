@@ -33,9 +33,7 @@ LIMITS = {
 SPECULAR = {"detection": 0.3, "p_dropout": 0.3, "p_random": 0.1, "sigma": 0.04}
 
 
-def scores(
-    p: npt.NDArray[np.float64], truth: npt.NDArray[np.bool_]
-) -> tuple[float, float, float]:
+def scores(p: npt.NDArray[np.float64], truth: npt.NDArray[np.bool_]) -> tuple[float, float, float]:
     """Log loss, expected calibration error over 15 bins of equal width, IoU at one half."""
     given = np.clip(np.where(truth, p, 1.0 - p), 1e-9, 1.0)
     place = np.minimum((p * 15).astype(int), 14)

@@ -59,9 +59,7 @@ def saved(small: FullMap, tmp_path: Path) -> Path:
         pytest.param(room(10), id="plane"),
         pytest.param(moved(room(4), (500_000.0, 5_400_000.0)), id="utm"),
         pytest.param(moved(room(4), (-1027.3, -1.6)), id="negative"),
-        pytest.param(
-            [beam(0.05, 0.05, 0.0, 1.0), beam(310.05, -207.0, 1.0, 1.0)], id="far apart"
-        ),
+        pytest.param([beam(0.05, 0.05, 0.0, 1.0), beam(310.05, -207.0, 1.0, 1.0)], id="far apart"),
         pytest.param(wall_of_space(2.0, 3), id="space"),
     ],
 )

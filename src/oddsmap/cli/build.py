@@ -84,7 +84,7 @@ def build(
         typer.Option(help="filter: cell by cell; full-map: all cells together, for wide beams."),
     ] = "filter",
     sweeps: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="full-map: the most sweeps, 20.")
+        int | None, typer.Option(metavar="N", min=1, help="full-map: the most sweeps, 40.")
     ] = None,
     poses: Annotated[
         Path | None, typer.Option(metavar="FILE", help="KITTI or TUM poses of a folder of scans.")

@@ -129,6 +129,7 @@ def _of_full_map(full_map: FullMap, path: Path) -> dict[str, Any]:
     facts: dict[str, Any] = {
         "map": str(path),
         "estimator": "full-map",
+        "method": full_map.method,
         "resolution": full_map.resolution,
         "cells known": full_map.cell_count,
         "sweeps": full_map.sweeps,

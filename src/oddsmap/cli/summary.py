@@ -79,6 +79,7 @@ def facts_of_full_map(full_map: FullMap, output: Path) -> dict[str, Any]:
         "output": str(output),
         "resolution": full_map.resolution,
         "estimator": "full-map",
+        "method": full_map.method,
         "sweeps": full_map.sweeps,
         "residual": full_map.residual,
         "converged": full_map.converged,
@@ -113,8 +114,9 @@ def say(facts: dict[str, Any]) -> None:
         f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
     )
     if "sweeps" in facts:
-        rest = "at rest" if facts["converged"] else "NOT at rest: more --sweeps may be needed"
-        tell(f"sweeps   {facts['sweeps']}, messages {rest} (residual {facts['residual']:.2g} nats)")
+        moving, unit, more = _MOVING[facts["method"]]
+        rest = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
+        tell(f"sweeps   {facts['sweeps']}, {moving} {rest} (residual {facts['residual']:.2g}{unit})")
     output = facts["output"]
     tell(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
     stem = Path(output).with_suffix("")
@@ -123,6 +125,13 @@ def say(facts: dict[str, Any]) -> None:
     else:
         tell(f"next     oddsmap export {output} {stem}.ply    (or .bt; .png with --z-min, --z-max)")
 
+
+# Of each method of a full map: what moves, the unit of its residual, and what gives it more time.
+_MOVING = {
+    "sum-product": ("messages", " nats", "--sweeps"),
+    "gibbs": ("marginals", "", "full_map.samples"),
+    "map": ("cells", "", "sweeps"),
+}
 
 _WHY = {
     "beam.no_return": " (cleared nothing: a fault looks the same; --clear-range M lets them clear)",

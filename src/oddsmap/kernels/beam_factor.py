@@ -151,6 +151,19 @@ def _odds(
 
 
 @inlined
+def _replace(
+    belief: IntArray, cell: int, messages: Messages, i: int, fresh: int, keep: float
+) -> int:
+    # Take the old message out of the belief before the new one goes in; returns the change.
+    old, new = np.int64(messages[i]), np.int64(fresh)
+    if keep > 0.0:
+        new = np.int64(np.rint(keep * old + (1.0 - keep) * new))
+    belief[cell] += new - old
+    messages[i] = np.int32(new)
+    return abs(new - old)
+
+
+@inlined
 def _units(nats: float) -> int:
     return np.int32(np.rint(min(max(nats, -_MOST), _MOST) * NAT))
 
@@ -163,6 +176,7 @@ def sweep_in_turn(
     detection: FloatArray,
     belief: IntArray,
     messages: Messages,
+    keep: float,
 ) -> int:
     """Renew the messages of some beams one after the other, each from what the last one left.
 
@@ -174,11 +188,12 @@ def sweep_in_turn(
             or one for all, shape (1,).
         belief: log odds of each cell [1 / NAT], changed in place.
         messages: of each row [1 / NAT], changed in place.
+        keep: share of the old message in what takes its place.
 
     Returns:
         The sum of the messages' changes, in size [1 / NAT].
     """
-    q, d, groups, starts = beam_room(rows)
+    q, d, groups, starts = _room_for(rows, order)
     fresh = np.empty(q.shape[0], np.int32)
     moved = np.int64(0)
     for n in range(order.shape[0]):
@@ -190,10 +205,7 @@ def sweep_in_turn(
         count = factor(rows, beam, noise, q, groups, starts)
         _odds(begin, count, q, d, groups, starts, fresh, 0)
         for i in range(begin, end):
-            change = np.int64(fresh[i - begin]) - messages[i]
-            belief[rows.cells[i]] += change
-            messages[i] = fresh[i - begin]
-            moved += abs(change)
+            moved += _replace(belief, rows.cells[i], messages, i, fresh[i - begin], keep)
     return moved
 
 
@@ -211,7 +223,7 @@ def new_messages(
 
     Arguments as in `sweep_in_turn`; `fresh` takes the messages, beam after beam.
     """
-    q, d, groups, starts = beam_room(rows)
+    q, d, groups, starts = _room_for(rows, order)
     at = 0
     for n in range(order.shape[0]):
         beam = order[n]
@@ -243,13 +255,8 @@ def apply_messages(
     for n in range(order.shape[0]):
         beam = order[n]
         for i in range(rows.offsets[beam], rows.offsets[beam + 1]):
-            old, new = np.int64(messages[i]), np.int64(fresh[at])
+            moved += _replace(belief, rows.cells[i], messages, i, fresh[at], keep)
             at += 1
-            if keep > 0.0:
-                new = np.int64(np.rint(keep * old + (1.0 - keep) * new))
-            belief[rows.cells[i]] += new - old
-            messages[i] = np.int32(new)
-            moved += abs(new - old)
     return moved
 
 
@@ -319,10 +326,26 @@ def mark_reached(
 
 @kernel
 def beam_room(rows: BeamRows) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-    """Room for the longest beam: u, d, the sums over bins, the first rows of bins."""
+    """Room for any beam: u and d of its rows, `factor`'s sums and the first rows of its bins."""
     most = 0
     for beam in range(rows.readings.shape[0]):
         most = max(most, rows.offsets[beam + 1] - rows.offsets[beam])
+    return _room(most)
+
+
+@kernel
+def _room_for(
+    rows: BeamRows, order: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    # For some beams alone: to look at all of them for each chunk would be quadratic in the log.
+    most = 0
+    for n in range(order.shape[0]):
+        most = max(most, rows.offsets[order[n] + 1] - rows.offsets[order[n]])
+    return _room(most)
+
+
+@kernel
+def _room(most: int) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     return (
         np.empty(most),
         np.empty(most),

@@ -111,7 +111,9 @@ class FullMapEstimator:
         from oddsmap.kernels.beam_factor import NAT
         from oddsmap.posterior.full_map.joint import log_odds_by_climbing, log_odds_by_gibbs
 
-        work, sweeps, residual, started = self._propagate(progress)
+        work, sweeps, residual, started = self._propagate(
+            progress, joint=self.config.full_map.method != "sum-product"
+        )
         field = work.field
         if self.config.full_map.method == "gibbs":
             log_odds, residual = log_odds_by_gibbs(work)
@@ -160,20 +162,20 @@ class FullMapEstimator:
         for name, value in (("count", count), ("every", every)):
             if value < 1:
                 raise ConfigError(f"sample: {name} is at least 1, got {value}")
-        work, _, _, started = self._propagate(progress)
+        work, _, _, started = self._propagate(progress, joint=True)
         samples = draw_maps(work, count, every)
         self.report.integrate_s += time.perf_counter() - started
         return samples
 
     def _propagate(
-        self, progress: Callable[[int, float], None] | None
+        self, progress: Callable[[int, float], None] | None, *, joint: bool
     ) -> tuple[Propagation, int, float, float]:
         """Sweep until messages rest: the propagation, its sweeps and residual, when it began."""
         from oddsmap.posterior.full_map.propagation import Propagation
         from oddsmap.posterior.full_map.rows import note_observed
 
         settings, resolution = self.config.full_map, self.config.map.resolution
-        compile_s = _compile()
+        compile_s = _compile(joint)
         started = time.perf_counter()
         field, rows = self._beams.list_beams((settings.prior_in(2), settings.prior_in(3)))
         self.report.compile_s += compile_s
@@ -186,16 +188,17 @@ class FullMapEstimator:
         return work, sweeps, residual, started
 
 
-def _compile() -> float:
+def _compile(joint: bool) -> float:
     """Compile the kernels, or load them from the cache; returns the seconds that took."""
     started = time.perf_counter()
-    _compile_once()
+    _compile_once(joint)
     return time.perf_counter() - started
 
 
 @cache
-def _compile_once() -> None:
+def _compile_once(joint: bool) -> None:
     # Toy maps go through the same kernels, one of the plane and one of space.
+    from oddsmap.posterior.full_map.joint import draw_maps, log_odds_by_climbing
     from oddsmap.posterior.full_map.propagation import Propagation
     from oddsmap.posterior.full_map.rows import list_rows, note_observed
 
@@ -205,6 +208,10 @@ def _compile_once() -> None:
         beams = Beams(np.zeros((1, d)), np.eye(d)[:1], np.array([2.0]))
         rows = list_rows(field, beams, model, 1.0)
         for schedule in ("chunks", "sequential"):
-            settings = FullMapConfig(sweeps=1, schedule=schedule)
-            Propagation(field, rows, model.noise(1.0), np.ones(1), settings).run()
+            settings = FullMapConfig(sweeps=1, burn_in=0, schedule=schedule)
+            work = Propagation(field, rows, model.noise(1.0), np.ones(1), settings)
+            work.run()
         note_observed(field, rows, model, 1.0, np.ones(1))
+        if joint:
+            draw_maps(work, 1, 1)
+            log_odds_by_climbing(work)

@@ -93,6 +93,11 @@ class OnlineFullMap:
         for name, value, least in (("window", window, 0), ("prior_every", prior_every, 1)):
             if value < least:
                 raise ConfigError(f"{name}: at least {least} is needed, got {value}")
+        if config.full_map.method != "sum-product":
+            raise ConfigError(
+                f"full_map.method {config.full_map.method} needs all beams at once: online there "
+                "is sum-product alone; use build_full_map"
+            )
         self.config = config
         self.report = Report()
         self._sensor = sensor
@@ -240,7 +245,13 @@ class OnlineFullMap:
         moved, count = 0, 0
         for scan in scans:
             moved += sweep_in_turn(
-                scan.rows, scan.order, self._noise, self._detection, field.belief, scan.messages
+                scan.rows,
+                scan.order,
+                self._noise,
+                self._detection,
+                field.belief,
+                scan.messages,
+                0.0,
             )
             count += len(scan.messages)
         return moved / NAT / max(1, count)

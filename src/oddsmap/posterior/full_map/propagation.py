@@ -31,8 +31,11 @@ __all__ = ["Propagation"]
 
 IntArray = npt.NDArray[np.int64]
 
-# Of the old message, where all beams move at once.
+# Of the old message, where all beams move at once or messages are to settle.
 _DAMPED = 0.5
+# Where readings contradict each other (things that moved, poses that are off) a few messages would
+# swing for ever; from the sweep after this on they keep half of what they were, and settle.
+_FREE_SWEEPS = 10
 # Beams of a chunk do not know of each other. In a short log 512 are many that share their cells,
 # and they would overshoot together for ever: no more than this share of the beams.
 _LARGEST_SHARE = 1 / 64
@@ -87,22 +90,27 @@ class Propagation:
         """
         residual = 0.0
         for sweep in range(1, self.config.sweeps + 1):
-            residual = self.sweep()
+            residual = self.sweep(settling=sweep > _FREE_SWEEPS)
             if progress is not None:
                 progress(sweep, residual)
             if residual < self.config.tolerance:
                 break
         return sweep, residual
 
-    def sweep(self) -> float:
-        """Renew every message once; returns the residual."""
+    def sweep(self, *, settling: bool = False) -> float:
+        """Renew every message once; returns the residual.
+
+        Args:
+            settling: keep half of each old message.
+        """
+        keep = _DAMPED if settling or self.config.schedule == "parallel" else 0.0
         order = self._rng.permutation(len(self.rows.readings))
         if self.config.schedule == "sequential":
             moved = sweep_in_turn(
-                self.rows, order, self.noise, self.detection, self.field.belief, self.messages
+                self.rows, order, self.noise, self.detection, self.field.belief, self.messages, keep
             )
         else:
-            moved = self._in_chunks(order)
+            moved = self._in_chunks(order, keep)
         told = 0
         coupling = self.config.coupling_in(self.field.ndim)
         if coupling > 0.0:
@@ -110,14 +118,15 @@ class Propagation:
                 self.field.beside(), self.field.side, self.field.ndim, coupling,
                 self.field.belief, self.field.told,
             )  # fmt: skip
+        # A damped step is half as long as the message is off.
+        moved /= 1.0 - keep
         return max(
             moved / NAT / max(1, len(self.messages)), told / NAT / max(1, self.field.told.size)
         )
 
-    def _in_chunks(self, order: IntArray) -> int:
-        parallel = self.config.schedule == "parallel"
+    def _in_chunks(self, order: IntArray, keep: float) -> int:
         size = max(1, len(order))
-        if not parallel:
+        if self.config.schedule == "chunks":
             size = max(1, min(self.config.chunk, int(len(order) * _LARGEST_SHARE)))
         moved = 0
         with ThreadPoolExecutor(self._threads) as pool:
@@ -126,9 +135,8 @@ class Propagation:
                 fresh = list(pool.map(self._renewed, parts))
                 for part, messages in zip(parts, fresh, strict=True):
                     moved += apply_messages(
-                        self.rows, part, self.field.belief, self.messages, messages,
-                        _DAMPED if parallel else 0.0,
-                    )  # fmt: skip
+                        self.rows, part, self.field.belief, self.messages, messages, keep
+                    )
         return moved
 
     def _renewed(self, beams: IntArray) -> npt.NDArray[np.int32]:

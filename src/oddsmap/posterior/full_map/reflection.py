@@ -62,8 +62,8 @@ def build_reflection_map(
     resolution: float,
     *,
     sensor: Sensor | None = None,
-    a: float = 0.1,
-    b: float = 0.1,
+    a: float = 0.05,
+    b: float = 0.15,
     range_bias: float | None = None,
     method: ReflectionMethod = "ep",
     sweeps: int = 50,
@@ -88,8 +88,9 @@ def build_reflection_map(
         sensor: the sensor model; default: what the log says of its sensor, as in `build_map`. Its
             `detection` has no say: what a cell returns is what is estimated.
         a: the Beta prior's weight of hits. By default cells are held to be free or solid rather
-            than half-way, as most are: the flat prior, a = b = 1, takes hundreds of free cells in
-            a cone for glass.
+            than half-way (the flat prior, a = b = 1, takes hundreds of free cells in a cone for
+            glass), and free more often: where each is believed to be solid half the time, no beam
+            is believed to come far, and a log of few beams says nothing.
         b: its weight of passes.
         range_bias: how far behind the nearest point of its cell a surface lies [m]; None: 2 / pi
             of a cell, from there to its centre, on average over all directions in the plane.

@@ -48,8 +48,8 @@ class FullMapConfig:
     method: str = "sum-product"
     prior: float | None = None
     coupling: float | None = None
-    sweeps: int = 20
-    tolerance: float = 1e-3
+    sweeps: int = 40
+    tolerance: float = 2e-3
     schedule: str = "chunks"
     chunk: int = 512
     seed: int = 0
