@@ -26,7 +26,9 @@ from oddsmap.sensors.window import Window
 FloatArray = npt.NDArray[np.float64]
 
 CELL, SIDE, PRIOR = 0.1, 4, 0.2
-MODEL = ForwardModel(cone_deg=25.0, range_max=4.0)
+# With the library's own bins of a quarter of a cell and a bias of 5 mm the divergence is .009: the
+# more a reading tells cells of one bin apart, the tighter the loops.
+MODEL = ForwardModel(cone_deg=25.0, range_max=4.0, bin_width=0.05, range_bias=0.0)
 
 
 def drawn(rng: np.random.Generator) -> Beams:
@@ -126,11 +128,15 @@ def test_some_worlds() -> None:
 
 
 @pytest.mark.slow
-def test_many_worlds() -> None:
-    """KL(exact || estimate) is .0092 +- .0009 over 480 worlds: a few of them make most of it."""
-    ours, alone = distances(480)
-    assert ours.divergence <= 0.0105
-    assert ours.reverse <= 0.007
+@pytest.mark.parametrize(("worlds", "limit"), [(120, 0.007), (480, 0.008)])
+def test_many_worlds(worlds: int, limit: float) -> None:
+    """KL(exact || estimate): .0064 over the first 120 worlds, .0073 over 480.
+
+    A few worlds make most of it, so that blocks of 120 differ by more than the two figures do.
+    """
+    ours, alone = distances(worlds)
+    assert ours.divergence <= limit
+    assert ours.reverse <= 0.004
     assert ours.difference <= 0.012
     assert alone.divergence > 7 * ours.divergence
     assert alone.difference > 6 * ours.difference
