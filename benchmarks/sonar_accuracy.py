@@ -28,7 +28,7 @@ from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.online import OnlineFullMap
 from oddsmap.posterior.full_map.readings import usable_beams
 from oddsmap.posterior.full_map.rows import list_rows
-from oddsmap.posterior.full_map.sampling import FactorGraph, gibbs
+from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.sensors.cone import ConeSensor
 
 __all__ = ["CASES", "Case", "load_cases", "score_all"]
@@ -69,7 +69,7 @@ class Case:
 
     @cached_property
     def full_map(self) -> FloatArray:
-        """The batch estimator's probabilities, kept: Gibbs sampling starts from them."""
+        """The batch estimator's probabilities."""
         sensor = ConeSensor(**self.sensor)
         view = build_full_map(self.scans, RESOLUTION, sensor=sensor, threads=2)
         return view.probability(self.region)
@@ -130,22 +130,10 @@ def _online(case: Case, _: list[Case]) -> FloatArray:
 
 
 def _gibbs(case: Case, _: list[Case]) -> FloatArray:
+    settings = FullMapConfig(method="gibbs", samples=100, burn_in=20)
     sensor = ConeSensor(**case.sensor)
-    model = sensor.forward_model()
-    config = Config(map=MapConfig(resolution=RESOLUTION), sensor=sensor).full_map
-    prior = config.prior_in(2)
-    graph_prior = math.log(prior / (1.0 - prior))
-    field, rows = _rows(case)
-    index = field.index(np.arange(len(field.belief)))
-    graph = FactorGraph(
-        rows, model.noise(RESOLUTION), np.array([model.detection]), _beside(index),
-        np.array([graph_prior]), config.coupling_in(2),
-    )  # fmt: skip
-    place = _places(index, case.truth.shape)
-    start = np.zeros(len(index), np.bool_)
-    start[place >= 0] = case.full_map.ravel()[place[place >= 0]] > 0.5
-    found = gibbs(graph, sweeps=100, burn_in=20, start=start).probability
-    return _dense(found, place, case.truth.shape, prior)
+    view = build_full_map(case.scans, RESOLUTION, sensor=sensor, settings=settings, threads=2)
+    return view.probability(case.region)
 
 
 def _thrun(case: Case, _: list[Case]) -> FloatArray:
@@ -206,17 +194,6 @@ def _rows(case: Case) -> tuple[CellField, BeamRows]:
     field = CellField(2, round(math.log(prior / (1.0 - prior)) * NAT))
     beams, _, _ = usable_beams(case.scans, sensor)
     return field, list_rows(field, beams, sensor.forward_model(), RESOLUTION)
-
-
-def _beside(index: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
-    """Numbers of each cell's neighbours, -1 where there is none, shape (cells, 4)."""
-    lo = index.min(axis=0) - 1
-    shape = index.max(axis=0) + 2 - lo
-    number = np.full(shape, -1, np.int32)
-    x, y = (index - lo).T
-    number[x, y] = np.arange(len(index))
-    steps = ((-1, 0), (1, 0), (0, -1), (0, 1))
-    return np.stack([number[x + dx, y + dy] for dx, dy in steps], axis=1)
 
 
 def _places(index: npt.NDArray[np.int64], shape: tuple[int, ...]) -> npt.NDArray[np.int64]:

@@ -124,9 +124,7 @@ def test_other_methods(run: Run, sonar: Path, tmp_path: Path, method: str, said:
     assert done.status == 0
     assert said in done.out
     settings = FullMapConfig(method=method, samples=3)
-    assert same(
-        load_full_map(out), build_full_map(oddsmap.open_log(sonar), 0.1, settings=settings)
-    )
+    assert same(load_full_map(out), build_full_map(oddsmap.open_log(sonar), 0.1, settings=settings))
     assert run("info", out, "--json").json["method"] == method
     assert run("export", out, tmp_path / "m.png").status == 0
 

@@ -106,12 +106,12 @@ def test_beams_in_turn(
 def test_beams_again(
     some: list[Beam], model: ForwardModel, detection: FloatArray, prior: list[float]
 ) -> None:
-    """Three sweeps of expectation propagation, with likelihoods over all maps."""
+    """Three sweeps of expectation propagation, two of them damped; likelihoods over all maps."""
     a, b = np.array(prior).reshape(2, CELLS)
     slow = np.stack([a, b], axis=1)
     said = [np.zeros((len(beam.cells), 2)) for beam in some]
     left = 0
-    for _ in range(3):
+    for keep in (0.0, 0.5, 0.3):
         for beam, last in zip(some, said, strict=True):
             cells = [cell for cell, _, _ in beam.cells]
             without = slow[cells] - last
@@ -121,15 +121,16 @@ def test_beams_again(
             for i, cell in enumerate(cells):
                 mu0, mu1 = (mu(model, beam, q, i, m, detection) for m in (0, 1))
                 new = np.array(beta_update(without[i, 0], without[i, 1], mu0, mu1))
-                if proper[i] and new.min() >= 1e-3:
-                    slow[cell], last[i] = new, new - without[i]
+                said_now = keep * last[i] + (1 - keep) * (new - without[i])
+                if proper[i] and (without[i] + said_now).min() >= 1e-3:
+                    slow[cell], last[i] = without[i] + said_now, said_now
                 else:
                     left += 1
     rows = rows_of(some)
     told = np.zeros((len(rows.cells), 2), np.float32)
     order = np.arange(len(some))
     arguments = (rows, order, model.noise(RESOLUTION), detection, a, b, told)
-    assert sum(revisit_beams(*arguments) for _ in range(3)) == left
+    assert sum(revisit_beams(*arguments, keep) for keep in (0.0, 0.5, 0.3)) == left
     np.testing.assert_allclose(np.stack([a, b], axis=1), slow, rtol=1e-4)
 
 
@@ -137,9 +138,9 @@ def test_the_first_time_is_the_filter() -> None:
     some, _, detection = scene()
     rows, order = rows_of(some), np.arange(len(some))
     one, other = np.full((2, 3), 0.5), np.full((2, 3), 0.5)
-    filter_beams(rows, order, NOISE, detection, *one)
+    filter_beams(rows, order, NOISE, detection, one[0], one[1])
     told = np.zeros((len(rows.cells), 2), np.float32)
-    assert revisit_beams(rows, order, NOISE, detection, *other, told) == 0
+    assert revisit_beams(rows, order, NOISE, detection, other[0], other[1], told, 0.0) == 0
     np.testing.assert_allclose(one, other, rtol=1e-5)
     # What beams said adds up to what is known now.
     added = [np.bincount(rows.cells, told[:, k]) for k in (0, 1)]
@@ -153,11 +154,12 @@ def test_order_does_not_matter_where_it_rests() -> None:
         order = np.random.default_rng(seed).permutation(len(some))
         ab, told = np.full((2, 3), 0.5), np.zeros((len(rows.cells), 2), np.float32)
         for _ in range(40):
-            revisit_beams(rows, order, NOISE, detection, *ab, told)
+            revisit_beams(rows, order, NOISE, detection, ab[0], ab[1], told, 0.5)
         ends.append(ab)
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-4)
     once = np.full((2, 3), 0.5)
-    filter_beams(rows, np.random.default_rng(0).permutation(len(some)), NOISE, detection, *once)
+    order = np.random.default_rng(0).permutation(len(some))
+    filter_beams(rows, order, NOISE, detection, once[0], once[1])
     assert np.abs(once / ends[0] - 1.0).max() > 1e-3
     np.testing.assert_allclose(ends[0][0] / ends[0].sum(axis=0), truth, atol=0.1)
 

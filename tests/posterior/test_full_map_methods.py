@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +30,7 @@ from tests.posterior.full_map_kit import (
     wall_of_space,
 )
 
-LOOSE = {"prior": 0.3, "coupling": 0.0}
+LOOSE: dict[str, Any] = {"prior": 0.3, "coupling": 0.0}
 
 
 def estimator(scans: list[Scan], **settings: object) -> FullMapEstimator:
@@ -120,9 +121,9 @@ def test_samples_list_the_observed_cells() -> None:
     p = full_map.cells()[1]
     assert one.occupied[:, p > 0.99].mean() > 0.9 > 0.1 > one.occupied[:, p < 0.01].mean()
     assert made.report.beams == 240
-    for options in ({"count": 0}, {"count": 1, "every": 0}):
+    for count, every in ((0, 1), (1, 0)):
         with pytest.raises(ConfigError, match="is at least 1, got 0"):
-            made.sample(**options)
+            made.sample(count, every=every)
 
 
 def test_the_map_of_hill_climbing() -> None:

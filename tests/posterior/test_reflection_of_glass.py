@@ -108,15 +108,14 @@ def test_beam_factors_recover_reflectivities(seed: int, method: str, sensor: Gla
     assert coverage >= 0.9
 
 
-@pytest.mark.parametrize("sensor", [LIDAR, SONAR], ids=["lidar", "sonar"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_looking_again_helps_where_it_is_hard(seed: int, sensor: GlassSensor) -> None:
+def test_looking_again_helps_where_it_is_hard(seed: int) -> None:
     """Cells between free and solid: nearer to the truth, and most of them in their intervals."""
-    scene, _ = log(seed, sensor)
+    scene, _ = log(seed, SONAR)
     glass = (scene.reflectivity > 0.0) & (scene.reflectivity < 1.0)
-    once, again = (errors(estimated(seed, sensor, m), scene, glass) for m in ("adf", "ep"))
+    once, again = (errors(estimated(seed, SONAR, m), scene, glass) for m in ("adf", "ep"))
     assert again[2] > 80
-    assert again[0] < 0.95 * once[0]
+    assert again[0] < 0.9 * once[0]
     assert again[1] >= 0.82
 
 
@@ -140,11 +139,12 @@ def test_counting_fails_under_a_cone() -> None:
     assert coverage < 0.5 < covers
 
 
-def test_the_flat_prior_takes_free_cells_for_glass() -> None:
+def test_the_flat_prior_draws_to_the_middle() -> None:
     """Why the default is Beta(0.05, 0.15)."""
     scene, scans = log(0, SONAR)
     sensor = ConeSensor(cone_deg=SONAR.cone_deg, range_max=SONAR.range_max)
     flat = build_reflection_map(scans, scene.resolution, sensor=sensor, a=1.0, b=1.0)
-    free = scene.reflectivity == 0.0
-    assert errors(flat, scene, free)[1] < 0.5
-    assert errors(estimated(0, SONAR, "ep"), scene, free)[1] > 0.98
+    chosen = estimated(0, SONAR, "ep")
+    surface = scene.reflectivity > 0.0
+    assert errors(flat, scene, surface)[0] > 1.4 * errors(chosen, scene, surface)[0]
+    assert errors(flat, scene, ~surface)[1] < 0.9 < 0.98 < errors(chosen, scene, ~surface)[1]

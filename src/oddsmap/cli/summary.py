@@ -116,7 +116,8 @@ def say(facts: dict[str, Any]) -> None:
     if "sweeps" in facts:
         moving, unit, more = _MOVING[facts["method"]]
         rest = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
-        tell(f"sweeps   {facts['sweeps']}, {moving} {rest} (residual {facts['residual']:.2g}{unit})")
+        residual = f"{facts['residual']:.2g}{unit}"
+        tell(f"sweeps   {facts['sweeps']}, {moving} {rest} (residual {residual})")
     output = facts["output"]
     tell(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
     stem = Path(output).with_suffix("")

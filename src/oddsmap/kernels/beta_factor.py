@@ -128,6 +128,7 @@ def revisit_beams(
     a: FloatArray,
     b: FloatArray,
     told: Told,
+    keep: float,
 ) -> int:
     """Go through beams once more: one sweep of expectation propagation.
 
@@ -141,6 +142,8 @@ def revisit_beams(
         a: see there.
         b: see there.
         told: what each row has added to a and to b of its cell, changed in place, shape (rows, 2).
+        keep: share of its old message that a row keeps: 0 the first time, about 1/2 later on,
+            or sweeps may go round in circles.
 
     Returns:
         How many rows had to be left as they were, since without them, or with their new message, a
@@ -176,7 +179,8 @@ def revisit_beams(
                 mu1 = max(base + part * (1.0 - d[j]), 0.0)
                 new_a, new_b = _moment_matched(rest_a, rest_b, mu0, mu1)
                 # As it is stored, so that the same is taken out again.
-                say_a, say_b = np.float32(new_a - rest_a), np.float32(new_b - rest_b)
+                say_a = np.float32(keep * told[i, 0] + (1.0 - keep) * (new_a - rest_a))
+                say_b = np.float32(keep * told[i, 1] + (1.0 - keep) * (new_b - rest_b))
                 if min(rest_a + say_a, rest_b + say_b) < _LEAST:
                     left += 1
                     continue

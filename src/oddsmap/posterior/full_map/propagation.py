@@ -119,9 +119,9 @@ class Propagation:
                 self.field.belief, self.field.told,
             )  # fmt: skip
         # A damped step is half as long as the message is off.
-        moved /= 1.0 - keep
+        off = moved / (1.0 - keep)
         return max(
-            moved / NAT / max(1, len(self.messages)), told / NAT / max(1, self.field.told.size)
+            off / NAT / max(1, len(self.messages)), told / NAT / max(1, self.field.told.size)
         )
 
     def _in_chunks(self, order: IntArray, keep: float) -> int:

@@ -37,7 +37,7 @@ from oddsmap.kernels.marks import REACHED
 from oddsmap.posterior.beta_view import check_beta_prior
 from oddsmap.posterior.full_map.collector import BeamCollector
 from oddsmap.posterior.full_map.field import CellField
-from oddsmap.posterior.full_map.reflection_map import ReflectionMap
+from oddsmap.posterior.full_map.reflection_map import REST, ReflectionMap
 from oddsmap.scan import Log
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.cone_beams import Beams
@@ -52,8 +52,9 @@ __all__ = ["ReflectionMethod", "build_reflection_map"]
 FloatArray = npt.NDArray[np.float64]
 ReflectionMethod = Literal["ep", "adf", "em"]
 
-# Sweeps end once the means of cells change by less than this on average.
-_REST = 1e-5
+# Of the old message, from the second sweep on.
+_KEPT = 0.5
+# Least range noise, as a share of a cell.
 _SPREAD = 1.0 / 3.0
 
 
@@ -66,7 +67,7 @@ def build_reflection_map(
     b: float = 0.15,
     range_bias: float | None = None,
     method: ReflectionMethod = "ep",
-    sweeps: int = 50,
+    sweeps: int = 30,
     progress: Callable[[int, float], None] | None = None,
 ) -> ReflectionMap:
     """Estimate how often each cell returns the beams that reach it, whatever their width.
@@ -74,7 +75,7 @@ def build_reflection_map(
     "adf", assumed-density filtering, looks at each beam once, in the order of the log, and keeps
     all that a Beta distribution can hold of what it says. "ep", expectation propagation, goes
     through the beams again until the means rest, each time taking out what a beam has said before:
-    nearer to the truth, with better intervals, and independent of the beams' order to about 1e-5.
+    nearer to the truth, with better intervals, and independent of the beams' order where it rests.
     "em" goes on from "adf" with fractional counts: of each beam, how likely a cell was to have
     returned it, or to have let it pass, under the current means; the counts of the last sweep,
     with the prior, are the result. Under wide cones its intervals are too narrow by far, since
@@ -86,11 +87,12 @@ def build_reflection_map(
 
     Other Args:
         sensor: the sensor model; default: what the log says of its sensor, as in `build_map`. Its
-            `detection` has no say: what a cell returns is what is estimated.
+            `detection` has no say: what a cell returns is what is estimated. Its range noise is
+            taken to be a third of a cell at least, since a surface lies anywhere in its cell.
         a: the Beta prior's weight of hits. By default cells are held to be free or solid rather
-            than half-way (the flat prior, a = b = 1, takes hundreds of free cells in a cone for
-            glass), and free more often: where each is believed to be solid half the time, no beam
-            is believed to come far, and a log of few beams says nothing.
+            than half-way, as most are (the flat prior, a = b = 1, draws both to the middle), and
+            free more often: where each is believed to be solid half the time, no beam is believed
+            to come far, and a log of few beams says nothing.
         b: its weight of passes.
         range_bias: how far behind the nearest point of its cell a surface lies [m]; None: 2 / pi
             of a cell, from there to its centre, on average over all directions in the plane.
@@ -127,7 +129,6 @@ def build_reflection_map(
     collector = BeamCollector(config, "reflection")
     collector.add_log(log)
     bias = 2.0 / math.pi * resolution if range_bias is None else float(range_bias)
-    # A surface lies anywhere in its cell: this much of a cell is the spread of that.
     sigma = max(collector.model.sigma, _SPREAD * resolution)
     model = dataclasses.replace(collector.model, detection=1.0, range_bias=bias, sigma=sigma)
     compile_s = _compile()
@@ -135,12 +136,13 @@ def build_reflection_map(
     field, rows = collector.list_beams((0.5, 0.5), model)
     noise = model.noise(resolution)
     alpha, beta = np.full(len(field.belief), float(a)), np.full(len(field.belief), float(b))
+    done, residual = 1, 0.0
     if method == "ep":
-        _propagate(rows, noise, alpha, beta, sweeps, progress)
+        done, residual = _propagate(rows, noise, alpha, beta, sweeps, progress)
     else:
         filter_beams(rows, np.arange(len(rows.readings)), noise, np.ones(1), alpha, beta)
     if method == "em":
-        alpha, beta = _count(rows, noise, alpha, beta, sweeps, progress, (a, b))
+        done, residual = _count(rows, noise, alpha, beta, sweeps, progress, (a, b))
     field.belief[:] = np.rint((np.log(alpha) - np.log(beta)) * NAT)
     note_observed(field, rows, model, resolution, np.ones(1))
     shape = (-1, field.block_cells)
@@ -152,6 +154,8 @@ def build_reflection_map(
         field.observed.reshape(shape) == REACHED,
         a=a,
         b=b,
+        sweeps=done,
+        residual=residual,
     )
     found.report = collector.report
     found.report.compile_s += compile_s
@@ -169,8 +173,8 @@ def _propagate(
     beta: FloatArray,
     most: int,
     progress: Callable[[int, float], None] | None,
-) -> None:
-    """Expectation propagation from the prior on, in place."""
+) -> tuple[int, float]:
+    """Expectation propagation from the prior on, in place; its sweeps and residual."""
     from oddsmap.kernels.beta_factor import revisit_beams
 
     order = np.arange(len(rows.readings))
@@ -178,9 +182,14 @@ def _propagate(
     met = np.unique(rows.cells)
     for number in range(1, most + 1):
         mean = alpha / (alpha + beta)
-        revisit_beams(rows, order, noise, np.ones(1), alpha, beta, told)
-        if _rests(number, mean, alpha / (alpha + beta), met, progress):
+        kept = 0.0 if number == 1 else _KEPT
+        revisit_beams(rows, order, noise, np.ones(1), alpha, beta, told, kept)
+        residual = _moved(mean, alpha, beta, met)
+        if progress is not None:
+            progress(number, residual)
+        if residual < REST:
             break
+    return number, residual
 
 
 def _count(
@@ -191,8 +200,8 @@ def _count(
     most: int,
     progress: Callable[[int, float], None] | None,
     prior: tuple[float, float],
-) -> tuple[FloatArray, FloatArray]:
-    """EM from Beta distributions on: the prior and the expected counts of the last sweep."""
+) -> tuple[int, float]:
+    """EM, in place: the prior and the expected counts of the last sweep; sweeps and residual."""
     from oddsmap.kernels.beta_factor import VOTE, expected_counts
 
     met = np.unique(rows.cells)
@@ -202,24 +211,21 @@ def _count(
         # Trials that tell something of the cell alone: with others counted, intervals of cells
         # that a cone hardly touches would be too narrow.
         expected_counts(rows, noise, np.ones(1), mean, True, hits, passes)
-        alpha, beta = prior[0] + hits / VOTE, prior[1] + passes / VOTE
-        if _rests(number, mean, alpha / (alpha + beta), met, progress):
+        alpha[:], beta[:] = prior[0] + hits / VOTE, prior[1] + passes / VOTE
+        residual = _moved(mean, alpha, beta, met)
+        if progress is not None:
+            progress(number, residual)
+        if residual < REST:
             break
-    return alpha, beta
+    return number, residual
 
 
-def _rests(
-    number: int,
-    before: FloatArray,
-    after: FloatArray,
-    met: npt.NDArray[np.int32],
-    progress: Callable[[int, float], None] | None,
-) -> bool:
-    """Whether a sweep has left the means of the cells that beams meet as they were."""
-    moved = float(np.mean(np.abs(after - before)[met])) if len(met) else 0.0
-    if progress is not None:
-        progress(number, moved)
-    return moved < _REST
+def _moved(
+    before: FloatArray, alpha: FloatArray, beta: FloatArray, met: npt.NDArray[np.int32]
+) -> float:
+    """By how much means have changed, on average over the cells that beams meet."""
+    change = np.abs(alpha / (alpha + beta) - before)[met]
+    return float(change.mean()) if len(change) else 0.0
 
 
 def _compile() -> float:

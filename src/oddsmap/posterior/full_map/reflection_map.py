@@ -14,7 +14,10 @@ from oddsmap.posterior.belief import Region
 from oddsmap.posterior.beta_view import BetaView, IntervalKind
 from oddsmap.posterior.full_map.blocks import dense_box, listed_cells
 
-__all__ = ["ReflectionMap"]
+__all__ = ["REST", "ReflectionMap"]
+
+REST = 1e-4
+"""Sweeps end once the mean of a cell changes by less than this, on average."""
 
 IntArray = npt.NDArray[np.int64]
 FloatArray = npt.NDArray[np.float64]
@@ -39,6 +42,9 @@ class ReflectionMap(BetaView):
         level: see there.
         kind: see there. "highest-density" by default: reflectivities are often near 0 or 1, where
             an equal-tailed interval leaves out the most probable end.
+        sweeps: how many there were.
+        residual: by how much the mean of a cell changed in the last one, on average; 0 for "adf",
+            which makes one alone.
 
     Attributes:
         report: what was used and what was skipped.
@@ -58,10 +64,13 @@ class ReflectionMap(BetaView):
         threshold: float = 0.5,
         level: float = 0.95,
         kind: IntervalKind = "highest-density",
+        sweeps: int = 1,
+        residual: float = 0.0,
     ) -> None:
         super().__init__(a=a, b=b, threshold=threshold, level=level, kind=kind)
         self.config, self.blocks, self.reached = config, blocks, reached
         self.alpha, self.beta = alpha, beta
+        self.sweeps, self.residual = sweeps, residual
         self.report = Report()
         self.provenance: list[dict[str, Any]] = []
 
@@ -79,6 +88,11 @@ class ReflectionMap(BetaView):
     def side(self) -> int:
         """Cells along a block's side."""
         return 32 if self.ndim == 2 else 8
+
+    @property
+    def converged(self) -> bool:
+        """Whether means came to rest; a map that has not is usable, and less sure than it says."""
+        return self.residual < REST
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of cells that were reached: first index and past the last, shape (d,)."""
