@@ -13,7 +13,8 @@ from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate2d import Integrator2D
 from oddsmap.poses import Pose2
 from oddsmap.scan import Scan
-from oddsmap.sensors.beam import BeamSensor, Segments
+from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.segments import Segments
 from tests.naive.mapping import Beam, Point
 
 ONE = 65536

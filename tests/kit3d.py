@@ -14,7 +14,8 @@ from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate3d import Integrator3D
 from oddsmap.poses import Pose3
 from oddsmap.scan import Scan
-from oddsmap.sensors.beam import BeamSensor, Segments
+from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.segments import Segments
 from tests.kit import ONE, Votes
 from tests.naive.mapping3d import Beam, Cell, Point, edge_distance, map_scan
 

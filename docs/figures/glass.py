@@ -7,19 +7,20 @@ python docs/figures/glass.py        # prints the tables of docs/glass.md, writes
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap import Beams, BeamSensor, ConeSensor, ForwardModel, Scan, build_map
-from oddsmap.posterior.beta import beta_interval
+from oddsmap import BeamSensor, ConeSensor, Scan, build_map, build_reflection_map
 from oddsmap.simulate import GlassScene, GlassSensor, glass_path, glass_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from oddsmap.posterior.beta_view import BetaView
+    from oddsmap.posterior.full_map.reflection import ReflectionMethod
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -29,42 +30,34 @@ SEEDS = (0, 1, 2)
 LIDAR, SONAR = GlassSensor.lidar(), GlassSensor.sonar()
 POSES = {LIDAR: 600, SONAR: 2400}
 TRIALS = 20.0
+METHODS: dict[str, ReflectionMethod] = {
+    "beam factors, one pass": "adf",
+    "beam factors": "ep",
+    "expected counts": "em",
+}
 INK = "#39434d"
 UNKNOWN = "#c7d5e3"
 
 
-@dataclass(frozen=True)
-class Reflections:
-    """Beta posteriors of the cells' reflectivities, of the scene's shape.
+def trials(view: BetaView, scene: GlassScene) -> FloatArray:
+    """What is behind each estimate beyond the prior: beams that reached the cell; else 0."""
+    alpha, beta = view.parameters(region(scene))
+    return np.where(view.observed(region(scene)), alpha + beta - view.a - view.b, 0.0)
 
-    Args:
-        a: weight of hits, the prior's in it.
-        b: weight of passes, likewise.
-        prior: weight of each in the prior.
-    """
 
-    a: FloatArray
-    b: FloatArray
-    prior: float
+def mean(view: BetaView, scene: GlassScene) -> FloatArray:
+    """Expected reflectivity, NaN where not even one trial is behind it."""
+    return np.where(trials(view, scene) > 1.0, view.mean(region(scene)), np.nan)
 
-    @property
-    def seen(self) -> BoolArray:
-        """True where more than 20 trials are behind the estimate."""
-        return self.a + self.b - 2.0 * self.prior > TRIALS
 
-    @property
-    def mean(self) -> FloatArray:
-        """Expected reflectivity, NaN where not even one trial is behind it."""
-        known = self.a + self.b - 2.0 * self.prior > 1.0
-        return np.where(known, self.a / (self.a + self.b), np.nan)
-
-    def score(self, truth: FloatArray, which: BoolArray) -> tuple[float, float, int]:
-        """RMSE of the mean, coverage of the shortest 95 % intervals, and of how many cells."""
-        cells = which & self.seen
-        a, b, true = self.a[cells], self.b[cells], truth[cells]
-        lower, upper = beta_interval(a, b, 0.95, "highest-density")
-        rmse = np.sqrt(np.mean((a / (a + b) - true) ** 2))
-        return float(rmse), float(np.mean((lower <= true) & (true <= upper))), len(true)
+def score(view: BetaView, scene: GlassScene, which: BoolArray) -> tuple[float, float]:
+    """RMSE of the mean, and coverage of the shortest 95 % intervals."""
+    cells = which & (trials(view, scene) > TRIALS)
+    true = scene.reflectivity[cells]
+    ends = view.interval(region(scene), kind="highest-density")
+    lower, upper = (end[cells] for end in ends)
+    rmse = np.sqrt(np.mean((view.mean(region(scene))[cells] - true) ** 2))
+    return float(rmse), float(np.mean((lower <= true) & (true <= upper)))
 
 
 def drive(seed: int, sensor: GlassSensor) -> tuple[GlassScene, list[Scan]]:
@@ -88,49 +81,24 @@ def filtered(scene: GlassScene, scans: list[Scan]) -> tuple[FloatArray, FloatArr
     return p, hits + passes
 
 
-def counted(scene: GlassScene, scans: list[Scan], sensor: BeamSensor | ConeSensor) -> Reflections:
-    """Beta(1 + hits, 1 + passes): the reflection map."""
-    grid = build_map(scans, scene.resolution, sensor=sensor, votes="beam")
-    hits, passes = grid.region(*region(scene))
-    return Reflections(1.0 + hits, 1.0 + passes, 1.0)
+def counted(scene: GlassScene, scans: list[Scan], sensor: BeamSensor | ConeSensor) -> BetaView:
+    """Beta(1 + hits, 1 + passes)."""
+    return build_map(scans, scene.resolution, sensor=sensor, votes="beam").reflection()
 
 
-def assumed_density(scene: GlassScene, scans: list[Scan], sensor: GlassSensor) -> Reflections:
-    """Beam factors, one pass: an arc's hit shared by how likely each cell is to have caused it."""
-    from oddsmap.kernels.beam_factor import BeamRows
-    from oddsmap.kernels.beta_factor import filter_beams
-
-    prior = 0.1  # cells are held to be free or solid more often than glass
-    # A surface lies half a cell behind the nearest point of its cell, or more where it is met
-    # aslant.
-    model = ForwardModel(
-        cone_deg=sensor.cone_deg, range_max=sensor.range_max, detection=1.0, p_random=0.005,
-        p_dropout=0.005, sigma=0.035, range_bias=0.06,
-    )  # fmt: skip
-    beams, _ = Beams.from_scans(scans)
-    shape = scene.reflectivity.shape
-    a, b = np.full((2, scene.reflectivity.size), prior)
-    for part, listed in model.cells(beams, scene.resolution, [0, 0], shape):
-        rows = BeamRows(
-            beams.ranges[part], listed.offsets, listed.cells.astype(np.int32),
-            listed.bins.astype(np.uint16), listed.fractions,
-        )  # fmt: skip
-        order = np.arange(len(rows.readings))
-        filter_beams(rows, order, model.noise(scene.resolution), np.ones(1), a, b)
-    return Reflections(a.reshape(shape), b.reshape(shape), prior)
-
-
-def estimates(seed: int) -> tuple[GlassScene, dict[str, Reflections]]:
+def estimates(seed: int) -> tuple[GlassScene, dict[str, BetaView]]:
     """Each way of a sensor and an estimator, on one scene."""
-    scene, lidar = drive(seed, LIDAR)
-    _, sonar = drive(seed, SONAR)
-    cone = ConeSensor(cone_deg=SONAR.cone_deg, range_max=SONAR.range_max)
-    return scene, {
-        "lidar, counted": counted(scene, lidar, BeamSensor(range_max=LIDAR.range_max)),
-        "lidar, beam factors": assumed_density(scene, lidar, LIDAR),
-        "sonar, counted": counted(scene, sonar, cone),
-        "sonar, beam factors": assumed_density(scene, sonar, SONAR),
-    }
+    ways: dict[str, BetaView] = {}
+    for name, sensor in (("lidar", LIDAR), ("sonar", SONAR)):
+        scene, scans = drive(seed, sensor)
+        cone = ConeSensor(cone_deg=sensor.cone_deg, range_max=sensor.range_max)
+        narrow = BeamSensor(range_max=sensor.range_max)
+        ways[f"{name}, counted"] = counted(scene, scans, narrow if sensor is LIDAR else cone)
+        for title, method in METHODS.items():
+            ways[f"{name}, {title}"] = build_reflection_map(
+                scans, scene.resolution, sensor=cone, method=method
+            )
+    return scene, ways
 
 
 def verdicts(seeds: tuple[int, ...] = SEEDS) -> dict[float, tuple[float, float, int]]:
@@ -154,9 +122,9 @@ def scores(seeds: tuple[int, ...] = SEEDS) -> dict[str, FloatArray]:
     for seed in seeds:
         scene, ways = estimates(seed)
         truth = scene.reflectivity
+        cells = (truth >= 0.0, truth > 0.0, (truth > 0.0) & (truth < 1.0))
         for name, way in ways.items():
-            cells = (truth >= 0.0, truth > 0.0, (truth > 0.0) & (truth < 1.0))
-            row = [number for which in cells for number in way.score(truth, which)[:2]]
+            row = [number for which in cells for number in score(way, scene, which)]
             rows.setdefault(name, []).append(row)
     return {name: np.mean(row, axis=0) for name, row in rows.items()}
 
@@ -169,15 +137,15 @@ def draw(seed: int = 0) -> Figure:
     scene, ways = estimates(seed)
     p, _ = filtered(scene, drive(seed, LIDAR)[1])
     lidar = ways["lidar, counted"]
-    lower, upper = beta_interval(lidar.a, lidar.b, 0.95, "equal-tailed")
-    width = np.where(np.isnan(lidar.mean), np.nan, upper - lower)
+    lower, upper = lidar.interval(region(scene), kind="equal-tailed")
+    width = np.where(np.isnan(mean(lidar, scene)), np.nan, upper - lower)
     panels = (
         ("truth: reflectivity", scene.reflectivity, 1.0),
         ("lidar, log odds: p(occupied)", p, 1.0),
-        ("lidar, reflection map: mean", lidar.mean, 1.0),
+        ("lidar, reflection map: mean", mean(lidar, scene), 1.0),
         ("its 95 % interval: width, 0 to 0.2", width, 0.2),
-        ("sonar, counted: mean", ways["sonar, counted"].mean, 1.0),
-        ("sonar, beam factors: mean", ways["sonar, beam factors"].mean, 1.0),
+        ("sonar, counted: mean", mean(ways["sonar, counted"], scene), 1.0),
+        ("sonar, beam factors: mean", mean(ways["sonar, beam factors"], scene), 1.0),
     )
     figure = Figure(figsize=(9.6, 5.1), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)

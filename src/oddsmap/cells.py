@@ -11,7 +11,8 @@ import numpy.typing as npt
 from oddsmap.errors import MapTooLargeError
 from oddsmap.kernels.beams import ScanCells, cell_bounds
 from oddsmap.kernels.zone import BeamShape
-from oddsmap.sensors.beam import BeamSensor, Segments
+from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.segments import Segments
 from oddsmap.tiles import memory_limit
 
 __all__ = ["MAX_COORDINATE", "beam_shape", "cells_near_return", "check_size", "to_cells"]

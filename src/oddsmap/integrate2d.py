@@ -22,8 +22,9 @@ from oddsmap.kernels.beams import ScanCells
 from oddsmap.kernels.integrate2d import DONE, FULL, count_votes, mark_votes
 from oddsmap.kernels.segments import COLUMNS
 from oddsmap.kernels.tiles import ONE
-from oddsmap.sensors.beam import BeamSensor, Segments
+from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Measurement
+from oddsmap.sensors.segments import Segments
 from oddsmap.tiles import TileStore
 
 __all__ = ["Integrator2D"]

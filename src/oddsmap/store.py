@@ -166,6 +166,11 @@ def load_map(
     import zarr
 
     if not is_map(path):
+        if (Path(path) / "zarr.json").is_file() and (Path(path) / "log_odds").is_dir():
+            raise InputError(
+                f"{path}: a full map, which has no hits and passes: read it with "
+                "oddsmap.load_full_map"
+            )
         raise InputError(f"{path}: not a saved map (a Zarr folder with hits and passes)")
     try:
         root = zarr.open_group(Path(path), mode="r")

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, add_scans
 from oddsmap.cells import to_cells
 from oddsmap.integrate_lengths import LengthIntegrator
-from oddsmap.sensors.beam import Segments
+from oddsmap.sensors.segments import Segments
 from tests.kit import ONE, add_beams, votes_of
 from tests.kit3d import add_rays
 from tests.naive import spread

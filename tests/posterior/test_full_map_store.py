@@ -15,7 +15,7 @@ from oddsmap.posterior.full_map.estimator import build_full_map
 from oddsmap.posterior.full_map.store import is_full_map, load_full_map
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.scan import Scan
-from oddsmap.store import is_map
+from oddsmap.store import is_map, load_map
 from tests.posterior.full_map_kit import SONAR, beam, estimated, moved, room, same, wall_of_space
 
 
@@ -104,6 +104,8 @@ def test_anyone_can_read_it(saved: Path, small: FullMap) -> None:
 def test_the_kinds_of_maps_are_told_apart(saved: Path, tmp_path: Path) -> None:
     assert is_full_map(saved)
     assert not is_map(saved)
+    with pytest.raises(InputError, match=r"a full map, .*: read it with oddsmap\.load_full_map$"):
+        load_map(saved)
     for name in ("none", "file", "folder"):
         assert not is_full_map(tmp_path / name)
     (tmp_path / "folder").mkdir()

@@ -16,7 +16,7 @@ from oddsmap import BeamSensor, EvidenceMap, LogOdds, State, Thresholds, build_m
 from oddsmap.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.posterior.belief import sigmoid
-from oddsmap.sensors.beam import logit
+from oddsmap.sensors.inverse_model import logit
 from tests.kit import ONE, add_votes, fan_scan, random_scans, votes_of
 
 probability = st.floats(0.001, 0.999)

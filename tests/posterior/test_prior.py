@@ -27,7 +27,7 @@ from oddsmap.config import PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.posterior.belief import sigmoid
 from oddsmap.posterior.prior import PRIOR_LIMIT, PriorArray, PriorMap
-from oddsmap.sensors.beam import logit
+from oddsmap.sensors.inverse_model import logit
 from tests.kit import ONE, Votes, add_votes, random_scans
 
 probability = st.floats(0.001, 0.999)

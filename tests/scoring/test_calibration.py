@@ -15,6 +15,7 @@ import pytest
 import oddsmap
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses import Pose2
+from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.readers.loaded import LoadedLog
 from oddsmap.scan import Scan
 from oddsmap.scoring.calibration import Calibration, calibrate
@@ -182,6 +183,10 @@ def test_the_toml_is_a_configuration() -> None:
 def test_wrong_input() -> None:
     with pytest.raises(ConfigError, match="calibration is for beams and cones; a sensor of kind o"):
         calibrate([], CELL, sensor=OverheadSensor())
+    for method in ("gibbs", "map"):
+        said = f'full_map.method = "sum-product" alone has; got "{method}"'
+        with pytest.raises(ConfigError, match=said):
+            calibrate([], CELL, sensor=START, settings=FullMapConfig(method=method))
     with pytest.raises(ConfigError, match="range_max is needed"):
         calibrate(drawn(TRUE.forward_model(), 1), CELL, sensor=ConeSensor(cone_deg=25.0))
     with pytest.raises(InputError, match="no usable scan"):

@@ -20,9 +20,10 @@ from oddsmap.probability_map import Thresholds
 from oddsmap.scan import Scan
 from oddsmap.scoring import held_out
 from oddsmap.scoring.held_out import LogScores, score_map
-from oddsmap.sensors.beam import BeamSensor, logit
+from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.cone_beams import Beams
+from oddsmap.sensors.inverse_model import logit
 from oddsmap.sensors.overhead import OverheadSensor
 from oddsmap.sensors.window import Window
 

@@ -20,7 +20,7 @@ from oddsmap import BeamSensor, EvidenceMap, GridScan, OverheadSensor, Pose2, bu
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.integrate import add_scans
 from oddsmap.posterior.belief import sigmoid
-from oddsmap.sensors.beam import logit
+from oddsmap.sensors.inverse_model import logit
 from tests.kit import ONE, Votes, fan_scan, votes_of
 from tests.naive.grids import Cell, readings
 

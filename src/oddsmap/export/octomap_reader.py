@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import InputError
 from oddsmap.export.octomap_writer import HALF, NODE, OCTOMAP_CLAMP
-from oddsmap.sensors.beam import logit
+from oddsmap.sensors.inverse_model import logit
 from oddsmap.voxels import VoxelMap, unmorton
 
 __all__ = ["is_octomap", "load_octomap"]

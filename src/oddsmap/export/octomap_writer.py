@@ -18,7 +18,7 @@ import numpy.typing as npt
 from oddsmap.atomic import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.probability_map import State, Thresholds
-from oddsmap.sensors.beam import logit
+from oddsmap.sensors.inverse_model import logit
 from oddsmap.voxels import VoxelMap, morton
 
 __all__ = ["HALF", "NODE", "OCTOMAP_CLAMP", "save_octomap"]

@@ -33,7 +33,7 @@ from oddsmap.posterior.belief import Belief, Region
 from oddsmap.posterior.lookup import units_at
 from oddsmap.posterior.prior import PriorMap
 from oddsmap.probability_map import Thresholds
-from oddsmap.sensors.beam import logit
+from oddsmap.sensors.inverse_model import logit
 
 if TYPE_CHECKING:
     from oddsmap.posterior.prior import MapLike

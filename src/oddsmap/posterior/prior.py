@@ -25,7 +25,7 @@ from oddsmap.errors import InputError
 from oddsmap.evidence import EvidenceMap
 from oddsmap.posterior.lookup import floor_cells, same_places
 from oddsmap.probability_map import ProbabilityMap
-from oddsmap.sensors.beam import logit
+from oddsmap.sensors.inverse_model import logit
 
 if TYPE_CHECKING:
     from oddsmap.posterior.log_odds import LogOdds

@@ -113,7 +113,8 @@ def calibrate(
         log: what `open_log` gives, or any scans.
         resolution: side of a cell [m].
         sensor: where to start, and what stays as it is (range_max...); default: what the log says.
-        settings: how beliefs are propagated.
+        settings: how beliefs are propagated; `method` is "sum-product", which alone has the
+            messages that this takes.
         threads: how many to work with; changes no bit of the result.
         noise_only: True: leave cone width and detection probability as they are, which takes a
             tenth of the time.
@@ -125,7 +126,7 @@ def calibrate(
 
     Raises:
         InputError: no usable scan, or no reading is an echo.
-        ConfigError: the sensor has no forward model, or no range_max.
+        ConfigError: the sensor has no forward model, or no range_max; or another method.
         MapTooLargeError: it would not fit in memory.
     """
     if sensor is None:
@@ -135,6 +136,12 @@ def calibrate(
         raise ConfigError(
             f"calibration is for beams and cones; a sensor of kind {sensor.kind} sees cells one by "
             "one and has no forward model of ranges"
+        )
+    settings = settings or FullMapConfig()
+    if settings.method != "sum-product":
+        raise ConfigError(
+            "calibration predicts each reading from the messages of all others, which full_map."
+            f'method = "sum-product" alone has; got "{settings.method}"'
         )
     if threads < 1 or updates < 1:
         raise ConfigError(f"threads and updates: at least 1, got {threads} and {updates}")
@@ -154,7 +161,7 @@ def calibrate(
         raise InputError("calibration needs readings that end somewhere: there are no-returns only")
     # Before the work, not after it: a sensor with hit_width takes no sigma.
     sensor = dataclasses.replace(sensor, sigma=model.sigma)
-    work = LeaveOneOut(beams, float(resolution), settings or FullMapConfig(), threads)
+    work = LeaveOneOut(beams, float(resolution), settings, threads)
     fit = Fit(work, model, len(beams), updates, progress)
     fit.settle()
     fit.renew_noise()

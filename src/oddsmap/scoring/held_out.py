@@ -16,11 +16,12 @@ from oddsmap.posterior.full_map.readings import usable_beams
 from oddsmap.scan import Log
 from oddsmap.scoring.marginals import Marginals
 from oddsmap.scoring.reliability import BINS, Reliability
-from oddsmap.sensors.beam import BeamSensor, ranges_of
+from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.forward import ForwardModel
 from oddsmap.sensors.kinds import Measurement, Sensor
+from oddsmap.sensors.segments import ranges_of
 
 __all__ = ["LogScores", "score_map"]
 

@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.errors import ConfigError, InputError
-from oddsmap.scan import Scan
-from oddsmap.sensors.depth_camera import DepthScan
+from oddsmap.errors import ConfigError
+from oddsmap.sensors.inverse_model import beam_weights, logit
 
 if TYPE_CHECKING:
     from oddsmap.sensors.forward import ForwardModel
     from oddsmap.sensors.kinds import Measurement
+    from oddsmap.sensors.segments import Segments
 
-__all__ = ["NO_RANGE_MAX", "BeamSensor", "Segments", "check_rates", "logit", "ranges_of"]
+__all__ = ["NO_RANGE_MAX", "BeamSensor", "check_rates"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -37,33 +37,6 @@ NO_RANGE_MAX = (
 )
 # Range noise of a common lidar [m], for the forward model of a sensor that says nothing of it.
 _LIDAR_SIGMA = 0.02
-
-
-def logit(p: npt.ArrayLike) -> FloatArray:
-    """Log odds of a probability: log p / (1 - p)."""
-    chance = np.asarray(p, dtype=np.float64)
-    return np.asarray(np.log(chance) - np.log1p(-chance))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Segments:
-    """What the beams of some scans say, as segments in the map frame [m].
-
-    Args:
-        origins: sensor positions, shape (scans, d).
-        offsets: first segment of each scan, and the end, shape (scans + 1,).
-        ends: where the free part of each segment ends, shape (m, d).
-        tips: where its occupied part ends, shape (m, d).
-        fades: where passes begin to fade, shape (m, d); `ends` where they do not.
-        hit: False where nothing was seen and the segment only clears, shape (m,).
-    """
-
-    origins: FloatArray
-    offsets: npt.NDArray[np.int64]
-    ends: FloatArray
-    tips: FloatArray
-    fades: FloatArray
-    hit: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -258,47 +231,10 @@ class BeamSensor:
         base = np.broadcast_to(np.asarray(prior, dtype=np.float64), at.shape)
         if cell is None and self.sigma > 0.0:
             raise ConfigError("a hit spread by sigma is shared by cells: give the side of a cell")
-        hits, passes = self._weights(at, reading, cell or 0.0)
+        hits, passes = beam_weights(self, at, reading, cell or 0.0)
         factor = hits * logit(self.p_hit) + passes * logit(self.p_miss)
         odds = np.exp(logit(base) + factor)
         return np.where((hits > 0.0) | (passes > 0.0), odds / (1.0 + odds), base)
-
-    def _weights(
-        self, at: FloatArray, reading: float, cell: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """What cells centred at `at` get of a reading: hits and passes, each of `at`'s shape."""
-        near, far = max(reading - self.half_width, 0.0), reading + self.half_width
-        if cell == 0.0:
-            fading = (near - at) / self.fade if self.fade > 0.0 else np.inf
-            passes = np.where(at < near, np.minimum(fading, 1.0), 0.0)
-            return np.where((near <= at) & (at <= far), 1.0, 0.0), passes
-        start, stop = at - cell / 2, at + cell / 2
-        mass = self._mass_until(stop, reading) - self._mass_until(start, reading)
-        shared = self.sigma > 0.0 or self.share_hit or self.half_width == 0.0
-        hits = mass if shared else np.where(mass > 0.0, 1.0, 0.0)
-        start, way = np.maximum(start, 0.0), stop - np.maximum(start, 0.0)
-        weighed = self._pass_until(near - start) - self._pass_until(near - stop)
-        free = (stop <= near) & (way > 0.0)  # the cell where the free part ends gets no pass
-        return hits, np.divide(weighed, way, out=np.zeros_like(at), where=free)
-
-    def _mass_until(self, at: FloatArray, reading: float) -> FloatArray:
-        """Share of a shared hit that lies before a distance."""
-        near, far = max(reading - self.half_width, 0.0), reading + self.half_width
-        if self.half_width == 0.0:
-            return np.where(at > reading, 1.0, 0.0)
-        inside = np.clip(at, near, far)
-        if self.sigma == 0.0:
-            return np.asarray((inside - near) / (far - near))
-        unit = 1.0 / (math.sqrt(2.0) * self.sigma)
-        low, high = math.erf((near - reading) * unit), math.erf(self.half_width * unit)
-        erf = np.vectorize(math.erf, otypes=[np.float64])
-        return np.asarray((erf((inside - reading) * unit) - low) / (high - low))
-
-    def _pass_until(self, way: FloatArray) -> FloatArray:
-        """Integral of a pass's weight over the last part of the free way."""
-        if self.fade == 0.0:
-            return way
-        return np.where(way < self.fade, way**2 / (2.0 * self.fade), way - self.fade / 2)
 
     def segments(self, scans: Sequence[Measurement]) -> tuple[Segments, Counter[str]]:
         """Sort readings into hits, no-returns and what must be skipped.
@@ -314,73 +250,9 @@ class BeamSensor:
             InputError: scans of the plane and of space are mixed.
             ConfigError: a filter for scans of space meets scans of the plane.
         """
-        from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN, cut_beams
+        from oddsmap.sensors.segments import cut_scans
 
-        beams = ranges_of(scans)
-        finite = [scan for scan in beams if scan.map_from_sensor.is_finite]
-        if len({scan.directions.shape[1] for scan in finite}) > 1:
-            raise InputError("scans of the plane and of space cannot go into one map")
-        d = finite[0].directions.shape[1] if finite else 2
-        if d == 2 and (self.heights != (-math.inf, math.inf) or self.body_min is not None):
-            raise ConfigError(
-                "sensor.mark_z_min, mark_z_max, body_min and body_max are for scans of space: "
-                "these are of the plane"
-            )
-        starts = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in finite])])
-        starts = starts.astype(np.int64)
-        shared = all(scan.directions is finite[0].directions for scan in finite)
-        none = np.empty((0, d))
-        directions = [scan.directions for scan in (finite[:1] if shared else finite)]
-        origins = np.array([scan.map_from_sensor.translation for scan in finite]).reshape(-1, d)
-        counts = np.zeros(5, np.int64)
-        ends = np.empty((starts[-1], d))
-        half_width = self.half_width
-        tips = np.empty_like(ends) if half_width > 0 else ends
-        fades = np.empty_like(ends) if self.fade > 0 else ends
-        hit = np.empty(len(ends), np.bool_)
-        offsets = np.empty(len(finite) + 1, np.int64)
-        cut_beams(
-            _joined([scan.ranges for scan in finite], np.empty(0)),
-            _joined(directions, none),
-            shared,
-            starts,
-            origins,
-            np.array([scan.map_from_sensor.rotation for scan in finite]).reshape(-1, d, d),
-            self.limits,
-            half_width,
-            float(self.fade),
-            self.heights,
-            self.body,
-            ends,
-            tips,
-            fades,
-            hit,
-            offsets,
-            counts,
-        )
-        kept = np.diff(offsets) > 0
-        used = int(offsets[-1])
-        skipped = Counter(
-            {
-                "scan.nan_pose": len(scans) - len(finite),
-                "scan.empty": len(finite) - int(np.count_nonzero(kept)),
-                "beam.nan": int(counts[NAN]),
-                "beam.below_range_min": int(counts[BELOW]),
-                "beam.no_return": int(counts[LOST]),
-                "hit.outside_heights": int(counts[HEIGHT]),
-                "hit.on_body": int(counts[BODY]),
-            }
-        )
-        ends = ends[:used]
-        segments = Segments(
-            origins=origins[kept],
-            offsets=offsets[np.concatenate([[True], kept])],
-            ends=ends,
-            tips=tips[:used] if half_width > 0 else ends,
-            fades=fades[:used] if self.fade > 0 else ends,
-            hit=hit[:used],
-        )
-        return segments, +skipped
+        return cut_scans(self, scans)
 
 
 def check_rates(detection: float, p_random: float, p_dropout: float) -> None:
@@ -399,23 +271,3 @@ def check_rates(detection: float, p_random: float, p_dropout: float) -> None:
             "sensor.p_random and p_dropout leave room for true readings below 1 together, "
             f"got {p_random} + {p_dropout}"
         )
-
-
-def ranges_of(scans: Sequence[Measurement]) -> list[Scan]:
-    """Measurements of ranges as beams.
-
-    Raises:
-        InputError: one sees cells, not ranges.
-    """
-    beams = [scan.to_scan() if isinstance(scan, DepthScan) else scan for scan in scans]
-    ranges = [scan for scan in beams if isinstance(scan, Scan)]
-    if len(ranges) < len(beams):
-        raise InputError("a scan sees cells, not ranges: it needs an OverheadSensor")
-    return ranges
-
-
-def _joined(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
-    # A scan of space is a batch of its own, and long: it is not copied.
-    if len(arrays) == 1:
-        return np.ascontiguousarray(arrays[0], np.float64)
-    return np.concatenate([nothing, *arrays])

@@ -22,8 +22,9 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.sensors.beam import NO_RANGE_MAX, BeamSensor, check_rates, ranges_of
+from oddsmap.sensors.beam import NO_RANGE_MAX, BeamSensor, check_rates
 from oddsmap.sensors.cell_votes import CellVotes
+from oddsmap.sensors.segments import ranges_of
 
 if TYPE_CHECKING:
     from oddsmap.kernels.cone_votes import Cones, Room

@@ -27,8 +27,8 @@ import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.poses import Pose2
-from oddsmap.sensors.beam import logit
 from oddsmap.sensors.cell_votes import CellVotes
+from oddsmap.sensors.inverse_model import logit
 
 if TYPE_CHECKING:
     from oddsmap.sensors.kinds import Measurement

@@ -10,10 +10,11 @@ import numpy as np
 
 from oddsmap.config import Config
 from oddsmap.errors import ConfigError
-from oddsmap.sensors.beam import BeamSensor, ranges_of
+from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.kinds import Measurement
+from oddsmap.sensors.segments import ranges_of
 
 __all__ = ["ranging_sensor", "usable_beams"]
 

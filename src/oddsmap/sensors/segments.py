@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scans of narrow beams become segments of free and occupied space in the map frame."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.scan import Scan
+from oddsmap.sensors.depth_camera import DepthScan
+
+if TYPE_CHECKING:
+    from oddsmap.sensors.beam import BeamSensor
+    from oddsmap.sensors.kinds import Measurement
+
+__all__ = ["Segments", "cut_scans", "ranges_of"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segments:
+    """What the beams of some scans say, as segments in the map frame [m].
+
+    Args:
+        origins: sensor positions, shape (scans, d).
+        offsets: first segment of each scan, and the end, shape (scans + 1,).
+        ends: where the free part of each segment ends, shape (m, d).
+        tips: where its occupied part ends, shape (m, d).
+        fades: where passes begin to fade, shape (m, d); `ends` where they do not.
+        hit: False where nothing was seen and the segment only clears, shape (m,).
+    """
+
+    origins: FloatArray
+    offsets: npt.NDArray[np.int64]
+    ends: FloatArray
+    tips: FloatArray
+    fades: FloatArray
+    hit: npt.NDArray[np.bool_]
+
+
+def cut_scans(sensor: BeamSensor, scans: Sequence[Measurement]) -> tuple[Segments, Counter[str]]:
+    """Sort the readings of scans: see `BeamSensor.segments`."""
+    from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN, cut_beams
+
+    beams = ranges_of(scans)
+    finite = [scan for scan in beams if scan.map_from_sensor.is_finite]
+    if len({scan.directions.shape[1] for scan in finite}) > 1:
+        raise InputError("scans of the plane and of space cannot go into one map")
+    d = finite[0].directions.shape[1] if finite else 2
+    if d == 2 and (sensor.heights != (-math.inf, math.inf) or sensor.body_min is not None):
+        raise ConfigError(
+            "sensor.mark_z_min, mark_z_max, body_min and body_max are for scans of space: "
+            "these are of the plane"
+        )
+    starts = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in finite])])
+    starts = starts.astype(np.int64)
+    shared = all(scan.directions is finite[0].directions for scan in finite)
+    none = np.empty((0, d))
+    directions = [scan.directions for scan in (finite[:1] if shared else finite)]
+    origins = np.array([scan.map_from_sensor.translation for scan in finite]).reshape(-1, d)
+    counts = np.zeros(5, np.int64)
+    ends = np.empty((starts[-1], d))
+    half_width = sensor.half_width
+    tips = np.empty_like(ends) if half_width > 0 else ends
+    fades = np.empty_like(ends) if sensor.fade > 0 else ends
+    hit = np.empty(len(ends), np.bool_)
+    offsets = np.empty(len(finite) + 1, np.int64)
+    cut_beams(
+        _joined([scan.ranges for scan in finite], np.empty(0)),
+        _joined(directions, none),
+        shared,
+        starts,
+        origins,
+        np.array([scan.map_from_sensor.rotation for scan in finite]).reshape(-1, d, d),
+        sensor.limits,
+        half_width,
+        float(sensor.fade),
+        sensor.heights,
+        sensor.body,
+        ends,
+        tips,
+        fades,
+        hit,
+        offsets,
+        counts,
+    )
+    kept = np.diff(offsets) > 0
+    used = int(offsets[-1])
+    skipped = Counter(
+        {
+            "scan.nan_pose": len(scans) - len(finite),
+            "scan.empty": len(finite) - int(np.count_nonzero(kept)),
+            "beam.nan": int(counts[NAN]),
+            "beam.below_range_min": int(counts[BELOW]),
+            "beam.no_return": int(counts[LOST]),
+            "hit.outside_heights": int(counts[HEIGHT]),
+            "hit.on_body": int(counts[BODY]),
+        }
+    )
+    ends = ends[:used]
+    segments = Segments(
+        origins=origins[kept],
+        offsets=offsets[np.concatenate([[True], kept])],
+        ends=ends,
+        tips=tips[:used] if half_width > 0 else ends,
+        fades=fades[:used] if sensor.fade > 0 else ends,
+        hit=hit[:used],
+    )
+    return segments, +skipped
+
+
+def ranges_of(scans: Sequence[Measurement]) -> list[Scan]:
+    """Measurements of ranges as beams.
+
+    Raises:
+        InputError: one sees cells, not ranges.
+    """
+    beams = [scan.to_scan() if isinstance(scan, DepthScan) else scan for scan in scans]
+    ranges = [scan for scan in beams if isinstance(scan, Scan)]
+    if len(ranges) < len(beams):
+        raise InputError("a scan sees cells, not ranges: it needs an OverheadSensor")
+    return ranges
+
+
+def _joined(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
+    # A scan of space is a batch of its own, and long: it is not copied.
+    if len(arrays) == 1:
+        return np.ascontiguousarray(arrays[0], np.float64)
+    return np.concatenate([nothing, *arrays])
