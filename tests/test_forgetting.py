@@ -258,8 +258,9 @@ def test_rescaling_to_a_later_time(kind: Kind) -> None:
     before, notes = votes_of(evidence), list(evidence.provenance)
     later = evidence.rescaled(LAST + 20 * SECOND)
     assert later.config.map.t_ref_ns == LAST + 20 * SECOND
+    after = votes_of(later)
     for cell, (hit, free) in before.items():
-        mine = votes_of(later).get(cell, (0, 0))
+        mine = after.get(cell, (0, 0))
         assert abs(mine[0] - hit / 2) <= 0.5
         assert abs(mine[1] - free / 2) <= 0.5
     assert votes_of(evidence) == before

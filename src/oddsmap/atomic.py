@@ -26,10 +26,16 @@ def check_output(path: Path, *, force: bool = False) -> None:
         force: True where an existing one may be replaced.
 
     Raises:
-        OutputError: it exists and `force` is False, or its folder is missing or not writable.
+        OutputError: it exists and `force` is False, it is a folder of other things than a map,
+            or its folder is missing or not writable.
     """
+    if not path.name:
+        raise OutputError(f"{path}: is a folder; give the name of what to write in it")
     if path.exists() and not force:
         raise OutputError(f"{path}: exists already; use --force (force=True) to replace it")
+    # Replacing deletes: that is for maps (Zarr), never for what else a person keeps in a folder.
+    if path.is_dir() and not (path / "zarr.json").is_file() and any(path.iterdir()):
+        raise OutputError(f"{path}: is a folder and no map, it is not replaced; give another name")
     folder = path.absolute().parent
     if not folder.is_dir():
         raise OutputError(f"{path}: the folder {folder} does not exist; create it first")
@@ -77,7 +83,7 @@ def _put_in_place(part: Path, path: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)

@@ -163,7 +163,7 @@ def _sensor_kind(
     values: Mapping[str, Mapping[str, Any]], where: str, default: type[Sensor]
 ) -> type[Sensor]:
     kind = values.get("sensor", {}).get("kind", default.kind)
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise ConfigError(f"{where}: sensor.kind is one of {', '.join(KINDS)}, got {kind!r}")
     return KINDS[kind]
 
@@ -200,14 +200,16 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Read a configuration file.
 
     Raises:
-        ConfigError: it cannot be read, or is not TOML.
+        ConfigError: it cannot be read, is not TOML, or has an unknown section.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not a TOML file: {error}") from None
+    _check_sections(values, str(path))
+    return values
 
 
 def parse_setting(text: str) -> tuple[str, str, Any]:

@@ -206,12 +206,18 @@ def add_scans(
     if method == "projective" and evidence.ndim != 3:
         raise InputError('method "projective" is for depth images (DepthScan) and maps of space')
     sensor = sensor or evidence.sensor
+    if method == "projective" and not isinstance(sensor, BeamSensor):
+        raise ConfigError(
+            f'method "projective" takes each pixel as a narrow beam, the sensor is of kind '
+            f'{sensor.kind}: use method "rays"'
+        )
     team = Team(evidence, sensor, threads, method)
     report = Report(compile_s=_compile(evidence, sensor, method))
     for scan_count, beam_count, skipped in team.run(scans):
         report.add(scan_count, beam_count, skipped)
         if progress is not None:
-            progress(report.scans + sum(skipped[k] for k in skipped if k.startswith("scan.")))
+            lost = sum(n for reason, n in report.skipped.items() if reason.startswith("scan."))
+            progress(report.scans + lost)
     report.integrate_s, report.read_s = team.integrate_s, team.read_s
     return report
 

@@ -200,9 +200,10 @@ def load_map(
         raise InputError(f"{path}: damaged, cannot be read as a map: {error}") from None
     if box_lo is not None or box_hi is not None:
         low, high = evidence.bounds() or (np.zeros(d, np.int64), np.zeros(d, np.int64))
-        evidence = evidence.crop(
-            low if box_lo is None else box_lo, high if box_hi is None else box_hi
-        )
+        # An open side lies where the cells end, or at the other side where there are none.
+        if box_lo is None:
+            box_lo = low if box_hi is None else np.minimum(low, box_hi)
+        evidence = evidence.crop(box_lo, np.maximum(high, box_lo) if box_hi is None else box_hi)
     return evidence
 
 

@@ -25,15 +25,21 @@ def cone_votes(
     reach: float,
     end: Sequence[float],
     hit: bool,
+    *,
+    seen: bool | None = None,
 ) -> dict[Cell, tuple[int, int]]:
-    """Cell -> (hits, passes) [1/65536 vote] of one beam, cells of weight 0 included."""
+    """Cell -> (hits, passes) [1/65536 vote] of one beam, cells of weight 0 included.
+
+    A beam that is `seen` and no `hit` is a return that may not mark; by default every return may.
+    """
     d = len(origin)
     home = cell_of(origin)
     at = [x - i for x, i in zip(origin, home, strict=True)]
     end = [x - i for x, i in zip(end, home, strict=True)]
     half_angle = math.radians(sensor.cone_deg) / 2
     cosine = 0.0 if sensor.cone_deg == 180 else math.cos(half_angle)
-    half = max(sensor.hit_width / resolution, 1.0) / 2 if hit else 0.5
+    returned = hit if seen is None else seen
+    half = max(sensor.hit_width / resolution, 1.0) / 2 if returned else 0.5
     near, far = reach - half, reach + half
     decline = sensor.range_falloff * (resolution / (sensor.range_max or math.inf))
 

@@ -104,7 +104,7 @@ def build(
         typer.Option("--camera", metavar="'FX FY CX CY W H'", help="Of depth images [pixels]."),
     ] = None,
     config: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="Sections map, sensor, posterior.")
+        Path | None, typer.Option(metavar="FILE.toml", help="Sections map, sensor, full_map...")
     ] = None,
     settings: Annotated[
         list[str] | None,

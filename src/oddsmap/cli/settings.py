@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -99,7 +100,7 @@ def _numbers(option: str, text: str, names: str) -> list[float]:
         numbers = [float(part) for part in text.replace(",", " ").split()]
     except ValueError:
         numbers = []
-    if len(numbers) != len(names.split()):
+    if len(numbers) != len(names.split()) or not all(map(math.isfinite, numbers)):
         raise ConfigError(f'{option} "{text}": needs the numbers {names}')
     return numbers
 

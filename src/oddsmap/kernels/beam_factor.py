@@ -45,6 +45,8 @@ NAT = 1 << 24
 _MOST = 64.0
 # A cell that surely returns the beam and is surely occupied would leave nothing to divide by.
 _LEAST_SILENT = 1e-12
+# Likelihoods are compared as ratios: below this both are nothing.
+_NOTHING = 1e-300
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -146,7 +148,8 @@ def _odds(
         gain = through * (behind - here)
         for j in range(starts[g], starts[g + 1]):
             part = gain * (silent / u[j])
-            ratio = (base + part * (1.0 - d[j])) / (base + part)
+            # A reading that neither state explains says nothing of the cell.
+            ratio = max(base + part * (1.0 - d[j]), _NOTHING) / max(base + part, _NOTHING)
             out[at + j] = _units(math.log(ratio))
 
 

@@ -26,6 +26,9 @@ __all__ = ["DROPOUT", "LIKELIHOOD", "RANDOM", "SQUARES", "causes"]
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+# What a reading that no map explains is taken to be likely by, so that its shares are numbers.
+_NOTHING = 1e-300
+
 LIKELIHOOD, RANDOM, DROPOUT, SQUARES = range(4)
 """Columns of the result of `causes`."""
 
@@ -78,7 +81,7 @@ def causes(
                 squares += echo * off * off
         if lost:
             heard += through * true
-        total = heard + other
+        total = max(heard + other, _NOTHING)
         out[beam, LIKELIHOOD] = total
         out[beam, RANDOM] = 0.0 if lost else other / total
         out[beam, DROPOUT] = other / total if lost else 0.0

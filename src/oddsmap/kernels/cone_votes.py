@@ -44,8 +44,10 @@ class Cones(NamedTuple):
     """Range of the return, or how far a no-return clears, shape (m,)."""
     ends: FloatArray
     """The point of the axis at that range, shape (m, d)."""
+    seen: npt.NDArray[np.bool_]
+    """True where it is a return, False for a no-return, shape (m,)."""
     hit: npt.NDArray[np.bool_]
-    """False where the cone only clears, shape (m,)."""
+    """False where the cone only clears: a no-return, or a return that may not mark, shape (m,)."""
 
 
 class ConeModel(NamedTuple):
@@ -177,8 +179,9 @@ def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, us
         to_z = cones.ends[i, 2] - cell_z
     end_x, end_y, end_z = math.floor(to_x), math.floor(to_y), math.floor(to_z)
     hit, reach = cones.hit[i], cones.reach[i]
-    # A cone that only clears ends as one before a return in the middle of a cell.
-    half = model.half_width if hit else 0.5
+    # A no-return clears as far as a return in the middle of a cell; a return that may not mark
+    # clears no more than one that does.
+    half = model.half_width if cones.seen[i] else 0.5
     near = reach - half
     far = reach + half if hit else near
     capacity = room.hits.shape[0]

@@ -106,6 +106,10 @@ class BeamSensor:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
                 raise ConfigError(f"sensor.{name} is a length above 0 m, got {value}")
+        if self.range_max is not None and self.range_min >= self.range_max:
+            raise ConfigError(
+                f"sensor.range_min < range_max is needed, got {self.range_min} and {self.range_max}"
+            )
         if not 0.0 < self.spread < math.inf:
             raise ConfigError(f"sensor.spread is a number above 0, got {self.spread}")
         if self.sigma > 0.0 and self.hit_width > 0.0:
@@ -166,7 +170,7 @@ class BeamSensor:
     @property
     def half_width(self) -> float:
         """How far the occupied region reaches before and behind the return [m]."""
-        return self.spread * self.sigma if self.sigma > 0.0 else self.hit_width / 2
+        return float(self.spread * self.sigma if self.sigma > 0.0 else self.hit_width / 2)
 
     @property
     def whole_votes(self) -> bool:
@@ -177,8 +181,8 @@ class BeamSensor:
     def heights(self) -> tuple[float, float]:
         """Least and most height in the map frame at which a return marks [m]."""
         return (
-            -math.inf if self.mark_z_min is None else self.mark_z_min,
-            math.inf if self.mark_z_max is None else self.mark_z_max,
+            -math.inf if self.mark_z_min is None else float(self.mark_z_min),
+            math.inf if self.mark_z_max is None else float(self.mark_z_max),
         )
 
     @property
@@ -195,11 +199,12 @@ class BeamSensor:
         An unknown range_max is infinite; what clears nothing is NaN.
         """
         unseen = self.range_max if self.clear_range is None else self.clear_range
+        # Floats also where a setting is a whole number: kernels are compiled for each type.
         return (
-            self.range_min,
-            math.inf if self.range_max is None else self.range_max,
-            math.nan if unseen is None else unseen,
-            math.nan if self.clear_range is None else self.clear_range,
+            float(self.range_min),
+            math.inf if self.range_max is None else float(self.range_max),
+            math.nan if unseen is None else float(unseen),
+            math.nan if self.clear_range is None else float(self.clear_range),
         )
 
     def inverse_model(

@@ -252,7 +252,7 @@ class ConeSensor:
         for column in range(d):
             axes += turned[:, :, column] * directions[:, column : column + 1]
         starts = np.repeat(origins, sizes, axis=0)
-        reach, hit, used, skipped = _sorted(beam, ranges, directions, axes, starts)
+        reach, seen, hit, used, skipped = _sorted(beam, ranges, directions, axes, starts)
         skipped["scan.nan_pose"] = len(scans) - len(finite)
         skipped["scan.pose_too_far"] = len(finite) - len(near)
         counts = np.bincount(np.repeat(np.arange(len(near)), sizes)[used], minlength=len(near))
@@ -271,6 +271,7 @@ class ConeSensor:
             axes=axes[used],
             reach=reach[used] / resolution,
             ends=ends / resolution,
+            seen=seen[used],
             hit=hit[used],
         )
         return cones, +skipped
@@ -282,8 +283,10 @@ def _sorted(
     directions: FloatArray,
     axes: FloatArray,
     starts: FloatArray,
-) -> tuple[FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_], Counter[str]]:
-    """How far each beam says something [m], whether it marks, whether it is of use; the skipped.
+) -> tuple[
+    FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], Counter[str]
+]:
+    """How far each beam says something [m]; is it a return, does it mark, is it of use; the skipped.
 
     The rules of `kernels/beams.py`: wide beams are few, and NumPy is fast enough.
     """
@@ -312,7 +315,7 @@ def _sorted(
         hit &= ~(on_body | outside)
         counts["hit.on_body"] = int(np.count_nonzero(on_body))
         counts["hit.outside_heights"] = int(np.count_nonzero(outside))
-    return far, hit, used, counts
+    return far, seen, hit, used, counts
 
 
 def _room(entries: int, d: int) -> Room:

@@ -23,6 +23,9 @@ _BLOCK_CELLS = 1 << 20
 _BLOCK_BEAMS = 1 << 16
 # A beam with more cells is a mistake in the units.
 _MOST_CELLS = 1 << 28
+# How far the length of a unit vector may be off, and how far after a rotation of few digits, which
+# poses are read with.
+_UNIT, _ROUNDED = 1e-6, 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +60,7 @@ class Beams:
                 f"{self.origins.shape}, {self.directions.shape} and {self.ranges.shape}"
             )
         lengths = np.linalg.norm(self.directions, axis=1)
-        bad = ~(np.isfinite(self.origins).all(axis=1) & (np.abs(lengths - 1.0) < 1e-6))
+        bad = ~(np.isfinite(self.origins).all(axis=1) & (np.abs(lengths - 1.0) < _UNIT))
         if bad.any():
             i = int(np.argmax(bad))
             raise InputError(
@@ -77,6 +80,9 @@ class Beams:
     def from_scans(cls, scans: Sequence[Scan]) -> tuple[Beams, Counter[str]]:
         """Put the beams of some scans one after the other, in the map frame.
 
+        A direction that is no number becomes a range of NaN, so that it is counted. A matrix
+        written with few digits scales directions: they are made unit vectors again.
+
         Returns:
             The beams of the scans with a finite pose, and how many scans were skipped, by reason.
 
@@ -88,15 +94,17 @@ class Beams:
         usable = [scan for scan in scans if scan.map_from_sensor.is_finite]
         d = scans[0].directions.shape[1]
         poses = [(scan.map_from_sensor, scan) for scan in usable]
-        beams = cls(
-            origins=np.concatenate(
-                [np.empty((0, d)), *(np.tile(p.translation, (s.size, 1)) for p, s in poses)]
-            ),
-            directions=np.concatenate(
-                [np.empty((0, d)), *(s.directions @ p.rotation.T for p, s in poses)]
-            ),
-            ranges=np.concatenate([np.empty(0), *(scan.ranges for scan in usable)]),
+        origins = [np.tile(p.translation, (s.size, 1)) for p, s in poses]
+        axes = np.concatenate(
+            [np.empty((0, d)), *(s.directions @ p.rotation.T for p, s in poses)]
         )
+        ranges = np.concatenate([np.empty(0), *(scan.ranges for scan in usable)])
+        lengths = np.linalg.norm(axes, axis=1)
+        none = ~np.isfinite(lengths)
+        axes[none], ranges[none] = np.eye(d)[0], np.nan
+        rounded = (np.abs(lengths - 1.0) >= _UNIT) & (np.abs(lengths - 1.0) < _ROUNDED)
+        axes[rounded] /= lengths[rounded, None]
+        beams = cls(np.concatenate([np.empty((0, d)), *origins]), axes, ranges)
         return beams, +Counter({"scan.nan_pose": len(scans) - len(usable)})
 
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.errors import InputError
+
 __all__ = ["dense_box", "listed_cells"]
 
 IntArray = npt.NDArray[np.int64]
@@ -29,9 +31,15 @@ def dense_box(
         fill: value of cells in no block.
         lo: first cell, shape (d,), x first.
         hi: past the last one.
+
+    Raises:
+        InputError: lo and hi are not d indices each, or hi < lo.
     """
+    d = blocks.shape[1]
+    if lo.shape != (d,) or hi.shape != (d,) or (hi < lo).any():
+        raise InputError(f"a region needs lo <= hi of {d} indices, got {lo!r} and {hi!r}")
     full = np.full((hi - lo)[::-1], fill, np.float64)
-    shape = (side,) * blocks.shape[1]
+    shape = (side,) * d
     begin = blocks * side
     for at in np.flatnonzero(((begin + side > lo) & (begin < hi)).all(axis=1)):
         first, last = np.maximum(begin[at], lo), np.minimum(begin[at] + side, hi)

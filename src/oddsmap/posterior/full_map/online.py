@@ -33,11 +33,10 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.integrate import Report
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.posterior.full_map.field import CellField
-from oddsmap.posterior.full_map.readings import usable_beams
+from oddsmap.posterior.full_map.readings import ranging_sensor, usable_beams
 from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.scan import Scan
-from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.kinds import Measurement
 
@@ -80,16 +79,12 @@ class OnlineFullMap:
         report: what was used and what was skipped so far, and the times.
 
     Raises:
-        ConfigError: the sensor has no forward model, or a parameter is outside its range.
+        ConfigError: the sensor has no forward model, a parameter is outside its range, or a
+            setting of the filter is set.
     """
 
     def __init__(self, config: Config, *, window: int = 10, prior_every: int = 5) -> None:
-        sensor = config.sensor
-        if not isinstance(sensor, BeamSensor | ConeSensor):
-            raise ConfigError(
-                f"full-map estimation is for beams and cones; a sensor of kind {sensor.kind} sees "
-                "cells one by one: use the filter (EvidenceMap), which is exact for it"
-            )
+        sensor = ranging_sensor(config)
         for name, value, least in (("window", window, 0), ("prior_every", prior_every, 1)):
             if value < least:
                 raise ConfigError(f"{name}: at least {least} is needed, got {value}")

@@ -13,6 +13,9 @@ __all__ = ["METHODS", "SCHEDULES", "FullMapConfig"]
 METHODS = ("sum-product", "gibbs", "map")
 SCHEDULES = ("chunks", "sequential", "parallel")
 
+# As for a beam's message: all that 31 bits hold, with room to spare. No neighbour is so sure.
+_MOST_COUPLING = 64.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FullMapConfig:
@@ -59,8 +62,10 @@ class FullMapConfig:
     def __post_init__(self) -> None:
         if self.prior is not None and not 0.0 < self.prior < 1.0:
             raise ConfigError(f"full_map.prior lies between 0 and 1, got {self.prior}")
-        if self.coupling is not None and not 0.0 <= self.coupling < math.inf:
-            raise ConfigError(f"full_map.coupling is 0 or more, got {self.coupling}")
+        if self.coupling is not None and not 0.0 <= self.coupling <= _MOST_COUPLING:
+            raise ConfigError(
+                f"full_map.coupling lies between 0 and {_MOST_COUPLING:g}, got {self.coupling}"
+            )
         if not 0.0 <= self.tolerance < math.inf:
             raise ConfigError(f"full_map.tolerance is 0 nats or more, got {self.tolerance}")
         for name, least in (
