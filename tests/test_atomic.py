@@ -125,3 +125,32 @@ def test_a_relative_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     with atomic_output(Path("map.png")) as part:
         part.write_text("new")
     assert names(tmp_path) == ["map.png"]
+
+
+def test_a_folder_that_is_no_map_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "letters"
+    path.mkdir()
+    check_output(path, force=True)  # empty: nothing would be lost
+    (path / "letter").write_text("dear")
+    with pytest.raises(OutputError, match="is a folder and no map"):
+        check_output(path, force=True)
+    (path / "zarr.json").write_text("{}")
+    check_output(path, force=True)
+
+
+@pytest.mark.parametrize("path", [Path("."), Path("/")])
+def test_a_folder_without_a_name(path: Path) -> None:
+    with pytest.raises(OutputError, match="is a folder"):
+        check_output(path, force=True)
+
+
+def test_a_link_to_a_folder_is_replaced_and_leaves_nothing(tmp_path: Path) -> None:
+    (tmp_path / "real.zarr").mkdir()
+    (tmp_path / "real.zarr" / "old").write_text("old")
+    (tmp_path / "map.zarr").symlink_to(tmp_path / "real.zarr")
+    with atomic_output(tmp_path / "map.zarr", force=True) as part:
+        part.mkdir()
+        (part / "new").write_text("new")
+    assert names(tmp_path) == ["map.zarr", "real.zarr"]
+    assert names(tmp_path / "map.zarr") == ["new"]
+    assert names(tmp_path / "real.zarr") == ["old"]

@@ -238,7 +238,7 @@ def test_a_full_map_is_made_with_the_forward_model(section: str, field: str) -> 
     "values",
     [
         {"sweeps": 0}, {"chunk": 0}, {"seed": -1}, {"samples": 0}, {"burn_in": -1},
-        {"schedule": "random"}, {"method": "thrun"}, {"prior": 1.0},
+        {"schedule": "random"}, {"method": "thrun"}, {"prior": 1.0}, {"coupling": 65.0},
     ],
 )  # fmt: skip
 def test_bounds_of_the_full_map(values: dict[str, Any]) -> None:
@@ -296,6 +296,27 @@ def test_bounds(holder: str, name: str, kind: str) -> None:
 def test_bounds_of_filters(sensor: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=r"got|both or none"):
         resolve(("file.toml", {"map": {"resolution": 1.0}, "sensor": sensor}))
+
+
+def test_ranges_lie_in_order() -> None:
+    BeamSensor(range_min=0.9, range_max=1.0)
+    for kind in (BeamSensor, lambda **ranges: ConeSensor(cone_deg=20.0, **ranges)):
+        with pytest.raises(ConfigError, match="range_min < range_max is needed, got 1.0 and 1.0"):
+            kind(range_min=1.0, range_max=1.0)
+
+
+def test_a_kind_that_is_no_word() -> None:
+    with pytest.raises(ConfigError, match=r"sensor\.kind is one of .*got \[1\]"):
+        resolve(("file.toml", {"map": {"resolution": 1.0}, "sensor": {"kind": [1]}}))
+
+
+def test_whole_numbers_reach_kernels_as_floats() -> None:
+    sensor = BeamSensor(
+        range_min=1, range_max=30, clear_range=10, hit_width=2, mark_z_min=0, mark_z_max=2
+    )
+    numbers = (*sensor.limits, *sensor.heights, sensor.half_width)
+    assert {type(number) for number in numbers} == {float}
+    assert type(BeamSensor(sigma=1, spread=3).half_width) is float
 
 
 def test_filters_are_for_space() -> None:
@@ -407,6 +428,10 @@ def test_read_toml(tmp_path: Path) -> None:
     for content in (b"[map", b"a = 1\na = 2", b"\xff\xfe"):
         file.write_bytes(content)
         with pytest.raises(ConfigError, match=r"a\.toml: not a TOML file"):
+            read_toml(file)
+    for text in ("map = 5", 'sensor = "kind"'):
+        file.write_text(text)
+        with pytest.raises(ConfigError, match=r"a\.toml: \[\w+\] is a section"):
             read_toml(file)
     for path in (tmp_path / "none.toml", tmp_path):
         with pytest.raises(ConfigError, match="cannot be read"):

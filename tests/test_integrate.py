@@ -294,3 +294,11 @@ def test_far_from_the_origin() -> None:
     assert (lo - shift == near_lo).all()
     assert (hi - shift == near_hi).all()
     assert abs(far.cell_count() - near.cell_count()) <= 2
+
+
+def test_progress_counts_skipped_scans_of_all_batches() -> None:
+    # A scan of 100 beams is a batch of its own here.
+    lost, used = (fan_scan(x, 0.0, 0.0, np.ones(100)) for x in (math.nan, 0.5))
+    told: list[int] = []
+    add_scans(EvidenceMap(0.125), [lost, used, lost, lost, used], progress=told.append)
+    assert told == [1, 2, 3, 4, 5]

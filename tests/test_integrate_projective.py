@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oddsmap import BeamSensor, EvidenceMap, Pose2, Pose3, Scan, add_scans, build_map
+from oddsmap import BeamSensor, ConeSensor, EvidenceMap, Pose2, Pose3, Scan, add_scans, build_map
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
 from oddsmap.simulate import DepthCamera, room, room_walk
@@ -308,3 +308,9 @@ def test_what_it_cannot_do() -> None:
     flat = DepthScan(Pose3(np.zeros((3, 3)), np.zeros(3)), FRAMES[0].depth, SMALL)
     with pytest.raises(InputError, match="not a rotation"):
         build_map([flat], 0.1, method="projective")
+
+
+def test_wide_beams_are_refused() -> None:
+    wide = ConeSensor(cone_deg=3.0)
+    with pytest.raises(ConfigError, match='sensor is of kind cone: use method "rays"'):
+        add_scans(EvidenceMap(0.1, sensor=wide, ndim=3), [], method="projective")

@@ -238,6 +238,12 @@ def test_a_box_reads_its_shards_alone(tmp_path: Path, monkeypatch: pytest.Monkey
     assert votes_of(load_map(path, hi=(2, 3))) == {(1, 2): (ONE, ONE)}
 
 
+@pytest.mark.parametrize(("lo", "hi"), [((50, 0), None), (None, (0, -3000)), ((2, 1), None)])
+def test_a_box_beyond_the_map_is_empty(tmp_path: Path, lo: Any, hi: Any) -> None:
+    a_map({(1, 1): (ONE, 0)}).save(tmp_path / "a.zarr")
+    assert load_map(tmp_path / "a.zarr", lo=lo, hi=hi).cell_count() == 0
+
+
 @pytest.mark.parametrize(("lo", "hi"), [((0, 0, 0), None), (None, (1, 2, 3)), ((5, 5), (0, 0))])
 def test_odd_boxes_are_refused(tmp_path: Path, lo: Any, hi: Any) -> None:
     a_map({(1, 1): (ONE, 0)}).save(tmp_path / "a.zarr")

@@ -34,7 +34,8 @@ def check_output(path: Path, *, force: bool = False) -> None:
     if path.exists() and not force:
         raise OutputError(f"{path}: exists already; use --force (force=True) to replace it")
     # Replacing deletes: that is for maps (Zarr), never for what else a person keeps in a folder.
-    if path.is_dir() and not (path / "zarr.json").is_file() and any(path.iterdir()):
+    is_map = path.suffix == ".zarr" or (path / "zarr.json").is_file()
+    if path.is_dir() and not is_map and any(path.iterdir()):
         raise OutputError(f"{path}: is a folder and no map, it is not replaced; give another name")
     folder = path.absolute().parent
     if not folder.is_dir():

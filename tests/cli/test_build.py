@@ -208,6 +208,7 @@ def test_directory_and_missing_file(run: Run, tmp_path: Path) -> None:
         (["--sensor", "lidar3d"], "the logs are of lidar2d"),
         (["--method", "projective"], "is for depth images"),
         (["--camera", "1 2 3"], "fx fy cx cy width height"),
+        (["--camera", "500 500 320 240 nan 480"], "fx fy cx cy width height"),
         (["--config", "missing.toml"], "cannot be read"),
         (["--clear-range", "-1"], "sensor.clear_range"),
     ],

@@ -136,3 +136,13 @@ def test_messages_are_put_in_place_with_damping(some: list[Beam], keep: float) -
             assert abs(messages[i] - (keep * old[i] + (1 - keep) * fresh[at])) <= 0.5001
             at += 1
     assert moved == np.sum(np.abs(messages.astype(np.int64) - old))
+
+
+def test_a_reading_that_nothing_explains_says_nothing() -> None:
+    # Turning over one of 60 certain cells lets no beam through: 0 / 0, no number of 31 bits.
+    near = tuple((cell, cell // 4, 1.0) for cell in range(60))
+    rows = rows_of([Beam(math.inf, near)])
+    noise = MODEL.noise(RESOLUTION)._replace(p_dropout=0.0)
+    out = np.empty(60, np.int32)
+    passing_messages(rows, np.ones(60), noise, np.ones(1), out)
+    assert (out == 0).all()

@@ -73,3 +73,20 @@ def test_columns() -> None:
     assert out[1, RANDOM] == pytest.approx(1.0, abs=1e-6)
     assert out[2, DROPOUT] == pytest.approx(1.0, abs=1e-6)
     assert out[2, LIKELIHOOD] == pytest.approx(MODEL.p_dropout, abs=1e-6)
+
+
+def test_a_reading_that_nothing_explains_has_shares() -> None:
+    """60 certain cells, no dropouts, and yet no return: too little for a number of 64 bits."""
+    rows = BeamRows(
+        np.array([np.inf]),
+        np.array([0, 60]),
+        np.arange(60, dtype=np.int32),
+        np.arange(60).astype(np.uint16),
+        np.ones(60, np.float32),
+    )
+    out = np.empty((1, 4))
+    noise = MODEL.noise(0.2)._replace(bin_width=WIDTH, p_dropout=0.0)
+    nothing = np.zeros(60, np.int32)
+    causes(rows, noise, np.ones(1), np.full(60, 64 * NAT), nothing, out)
+    assert np.isfinite(np.log(out[0, LIKELIHOOD]))
+    assert out[0, RANDOM] == out[0, DROPOUT] == out[0, SQUARES] == 0.0

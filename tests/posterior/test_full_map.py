@@ -22,6 +22,7 @@ from oddsmap.probability_map import State
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.kinds import Sensor
 from oddsmap.sensors.overhead import OverheadSensor
 from tests.posterior.full_map_kit import (
@@ -255,6 +256,30 @@ def test_readings_are_sorted_and_counted() -> None:
     assert (told.report.beams, told.report.skipped["beam.no_return"]) == (4, 0)
     along = ((7, 9), (10, 12))
     assert told.probability(along).mean() < grid.probability(along).mean()
+
+
+def test_directions_that_are_no_numbers_are_counted() -> None:
+    axes = np.array([[1.0, 0.0], [np.nan, 0.0], [np.inf, 0.0]])
+    scan = Scan(Pose2(0.0, 0.0, 0.0), axes, np.ones(3))
+    report = build_full_map([scan], RESOLUTION, sensor=SONAR).report
+    assert report is not None
+    assert (report.beams, report.skipped) == (1, {"beam.nan": 2})
+
+
+def test_a_rotation_of_few_digits_is_one() -> None:
+    c, s = 0.9553, 0.2955  # of 0.3 rad, which makes vectors of length 0.99995
+    pose = Pose3.from_matrix([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0]])
+    beams, _ = Beams.from_scans([Scan(pose, np.eye(3), np.ones(3))])
+    assert np.abs(np.linalg.norm(beams.directions, axis=1) - 1.0).max() < 1e-12
+    assert beams.directions[0] == pytest.approx([c, s, 0.0], abs=1e-4)
+    with pytest.raises(InputError, match="a unit vector"):
+        Beams.from_scans([Scan(pose, 1.01 * np.eye(3), np.ones(3))])
+
+
+@pytest.mark.parametrize("box", [((5, 5), (0, 0)), ((0, 0, 0), (1, 1, 1))])
+def test_regions_that_will_not_do(furnished: FullMap, box: Any) -> None:
+    with pytest.raises(InputError, match="a region needs lo <= hi of 2 indices"):
+        furnished.log_odds(box)
 
 
 def test_beams_that_end_at_the_sensor_are_an_empty_map() -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -290,3 +291,10 @@ def test_the_sonar_benchmark(data_folder: Path) -> None:
     p = estimator.view().probability(((0, 0), (150, 150)))
     right = np.where(arrays["truth"], p, 1.0 - p)[arrays["scored"]]
     assert -np.log(np.clip(right, 1e-9, None)).mean() <= 0.028
+
+
+def test_settings_of_the_filter_are_refused() -> None:
+    for fields in ({"mark_z_max": 1.0}, {"body_min": (0.0,) * 3, "body_max": (1.0,) * 3}):
+        sensor = dataclasses.replace(SENSOR, **fields)
+        with pytest.raises(ConfigError, match="is for the filter"):
+            OnlineFullMap(Config(map=MapConfig(resolution=0.1), sensor=sensor))

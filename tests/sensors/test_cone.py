@@ -246,6 +246,25 @@ def sensor_hits(part: Any) -> int:
     return int(part.hits.sum())
 
 
+@pytest.mark.parametrize(
+    "filters",
+    [{"mark_z_max": -50.0}, {"body_min": (-50.0, -50.0, -50.0), "body_max": (50.0, 50.0, 50.0)}],
+)
+def test_filters_never_say_what_may_clear(filters: dict[str, Any]) -> None:
+    base = ConeSensor(cone_deg=30.0, range_max=12.0, hit_width=3.0, pass_falloff=0.5)
+    scan = one_beam(Pose3(np.eye(3), np.array([0.2, 0.4, 0.6])), [1.0, 0.0, 0.0], 6.3)
+    (votes,) = listed(base, [scan])
+    (filtered,) = listed(dataclasses.replace(base, **filters), [scan])
+    assert any(hits for hits, _ in votes.values())
+    assert filtered == {cell: vote for cell, vote in votes.items() if vote[0] == 0}
+    start = scan.map_from_sensor.translation
+    end = start + np.array([6.3, 0.0, 0.0])
+    axis = [1.0, 0.0, 0.0]
+    assert filtered == cone_votes(
+        base, 1.0, start.tolist(), axis, 6.3, end.tolist(), hit=False, seen=True
+    )
+
+
 def test_what_does_not_fit_is_refused() -> None:
     sensor = ConeSensor(cone_deg=20.0)
     flat = one_beam(Pose2(0.0, 0.0, 0.0), [1.0, 0.0], 1.0)
