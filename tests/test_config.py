@@ -301,7 +301,7 @@ def test_bounds_of_filters(sensor: dict[str, Any]) -> None:
 def test_ranges_lie_in_order() -> None:
     BeamSensor(range_min=0.9, range_max=1.0)
     for kind in (BeamSensor, lambda **ranges: ConeSensor(cone_deg=20.0, **ranges)):
-        with pytest.raises(ConfigError, match="range_min < range_max is needed, got 1.0 and 1.0"):
+        with pytest.raises(ConfigError, match=r"range_min < range_max .* 1\.0 and 1\.0"):
             kind(range_min=1.0, range_max=1.0)
 
 

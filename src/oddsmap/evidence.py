@@ -252,6 +252,10 @@ class EvidenceMap:
             InputError: the maps differ in resolution, dimensions, kind of votes, half-life or its
                 t_ref_ns (see `rescaled`), or in whether they keep lengths.
         """
+        if not isinstance(other, EvidenceMap):
+            raise InputError(
+                f"only evidence adds up, and a {type(other).__name__} holds no hits and passes"
+            )
         if self.ndim != other.ndim:
             raise InputError(
                 f"maps of different ndim cannot be added: {self.ndim} here, {other.ndim} there"

@@ -171,7 +171,11 @@ def load_map(
                 f"{path}: a full map, which has no hits and passes: read it with "
                 "oddsmap.load_full_map"
             )
-        raise InputError(f"{path}: not a saved map (a Zarr folder with hits and passes)")
+        if not Path(path).exists():
+            raise InputError(f"{path}: no such file or folder")
+        raise InputError(
+            f"{path}: not a saved map (a Zarr folder with hits and passes, as oddsmap build makes)"
+        )
     try:
         root = zarr.open_group(Path(path), mode="r")
         attributes = dict(root.attrs)

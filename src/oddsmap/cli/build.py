@@ -131,8 +131,15 @@ def build(
 
     if sensor is not None and sensor not in SENSORS:
         raise ConfigError(f"--sensor {sensor}: not available, known are {', '.join(SENSORS)}")
+    if votes is not None and estimator == "full-map":
+        raise ConfigError("--votes belongs to --estimator filter: a full map counts no votes")
     if sweeps is not None and estimator != "full-map":
         raise ConfigError("--sweeps belongs to --estimator full-map")
+    if output.suffix not in ("", ".zarr"):
+        raise ConfigError(
+            f"{output}: a map is a Zarr folder, by custom NAME.zarr; oddsmap export makes "
+            f'{output.suffix} of it; got the suffix "{output.suffix}"'
+        )
     check_output(output, force=force)
     flags: Layer = {"map": {"resolution": resolution, "votes": votes}}
     flags["sensor"] = {"range_max": range_max, "clear_range": clear_range}

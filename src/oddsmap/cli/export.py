@@ -215,6 +215,7 @@ def _prior(text: str, source: Path) -> float | MapLike:
     from oddsmap.errors import ConfigError
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
     from oddsmap.export.ros_reader import load_ros
+    from oddsmap.posterior.full_map.store import is_full_map
     from oddsmap.store import is_map, load_map
 
     try:
@@ -228,6 +229,11 @@ def _prior(text: str, source: Path) -> float | MapLike:
         )
     if path.resolve() == source.resolve():
         raise ConfigError(f"--prior {text}: the map itself; its evidence would count twice")
+    if is_full_map(path):
+        raise ConfigError(
+            f"--prior {text}: a full map; export it as a ROS map (.yaml, --mode raw), which can be "
+            "a prior"
+        )
     if is_map(path):
         return load_map(path)
     if path.suffix.lower() in (".yaml", ".yml"):

@@ -94,6 +94,11 @@ def changed(before: LogOdds, after: LogOdds, *, p_change: float = 0.1) -> Change
     """
     if not 0.0 < p_change < 1.0:
         raise ConfigError(f"p_change is a probability between 0 and 1, got {p_change}")
+    if not (isinstance(before, LogOdds) and isinstance(after, LogOdds)):
+        raise InputError(
+            "changed compares two views of the Bayes filter, one a period: give grid.log_odds(), "
+            f"got {type(before).__name__} and {type(after).__name__}"
+        )
     first, second = before.evidence, after.evidence
     for name in ("resolution", "ndim"):
         if getattr(first, name) != getattr(second, name):

@@ -68,7 +68,13 @@ class Reflection(BetaView):
         kind: IntervalKind = "equal-tailed",
     ) -> None:
         super().__init__(a=a, b=b, threshold=threshold, level=level, kind=kind)
-        if evidence.votes == "scan":
+        if evidence.sensor.kind == "cone":
+            warnings.warn(
+                "counting does badly under wide beams, whose hits belong to one cell of many: "
+                "oddsmap.build_reflection_map estimates reflectivity from the log",
+                stacklevel=2,
+            )
+        if evidence.votes == "scan" and evidence.sensor.kind == "beam":
             warnings.warn(
                 'reflectivity from a map of votes="scan" is too high, as hits win within a scan; '
                 'build the map with votes="beam"',

@@ -286,7 +286,7 @@ def _sorted(
 ) -> tuple[
     FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], Counter[str]
 ]:
-    """How far each beam says something [m]; is it a return, does it mark, is it of use; the skipped.
+    """How far beams say something [m]; is it a return, does it mark, is it of use; the skipped.
 
     The rules of `kernels/beams.py`: wide beams are few, and NumPy is fast enough.
     """

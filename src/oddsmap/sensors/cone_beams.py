@@ -95,9 +95,9 @@ class Beams:
         d = scans[0].directions.shape[1]
         poses = [(scan.map_from_sensor, scan) for scan in usable]
         origins = [np.tile(p.translation, (s.size, 1)) for p, s in poses]
-        axes = np.concatenate(
-            [np.empty((0, d)), *(s.directions @ p.rotation.T for p, s in poses)]
-        )
+        with np.errstate(invalid="ignore"):  # directions that are no numbers
+            turned = [s.directions @ p.rotation.T for p, s in poses]
+        axes = np.concatenate([np.empty((0, d)), *turned])
         ranges = np.concatenate([np.empty(0), *(scan.ranges for scan in usable)])
         lengths = np.linalg.norm(axes, axis=1)
         none = ~np.isfinite(lengths)

@@ -54,8 +54,9 @@ def usable_beams(
 ) -> tuple[Beams, int, Counter[str]]:
     """The beams of some scans that carry information.
 
-    +Inf is a no-return. A finite reading at or above range_max may as well be a fault: it counts
-    as a no-return only where `clear_range` is set, as in the filter.
+    +Inf is a no-return. So is a finite reading of a cone at or above range_max: should it be a
+    fault, `p_dropout` is there for it. A narrow beam's reaches past all that was ever seen there,
+    and counts only where `clear_range` is set, whatever its length, as in the filter.
 
     Returns:
         Beams, of finite range or +Inf; how many scans have any; what was skipped, by reason.
@@ -70,7 +71,8 @@ def usable_beams(
     nothing = np.isnan(z)
     below = ~nothing & (z < sensor.range_min)
     over = np.isfinite(z) & (z >= range_max)
-    lost = over if sensor.clear_range is None else np.zeros_like(over)
+    taken_for_no_return = isinstance(sensor, ConeSensor) or sensor.clear_range is not None
+    lost = np.zeros_like(over) if taken_for_no_return else over
     used = ~(nothing | below | lost)
     skipped["beam.nan"] = int(np.count_nonzero(nothing))
     skipped["beam.below_range_min"] = int(np.count_nonzero(below))
