@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.settings import Layer, cores, resolved, setting_layers
+from oddsmap.cli.settings import (
+    Layer,
+    cores,
+    read_camera,
+    read_extrinsics,
+    resolved,
+    setting_layers,
+)
 
 if TYPE_CHECKING:
     from oddsmap.scoring.calibration import Calibration
@@ -48,6 +55,19 @@ def calibrate(
     poses: Annotated[
         Path | None, typer.Option(metavar="FILE", help="KITTI or TUM poses of a folder of scans.")
     ] = None,
+    times: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Stamps of a folder of scans, in seconds.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(metavar="S", help="How far a pose may be from a scan's stamp.")
+    ] = 0.02,
+    extrinsics: Annotated[
+        str | None,
+        typer.Option("--body-from-sensor", metavar="'X Y Z QX QY QZ QW'", help="As for build."),
+    ] = None,
+    intrinsics: Annotated[
+        str | None, typer.Option("--camera", metavar="'FX FY CX CY W H'", help="As for build.")
+    ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Where to start: section sensor.")
     ] = None,
@@ -76,7 +96,15 @@ def calibrate(
     layers = setting_layers(config, flags, settings or [])
     if not any("resolution" in values.get("map", {}) for _, values in layers):
         raise typer.BadParameter("calibration needs one, in metres", param_hint="--resolution")
-    opened = open_log(log, poses=poses, skip_bad=skip_bad)
+    opened = open_log(
+        log,
+        poses=poses,
+        times=times,
+        tolerance_s=tolerance,
+        body_from_sensor=read_extrinsics(extrinsics),
+        camera=read_camera(intrinsics),
+        skip_bad=skip_bad,
+    )
     settled = resolved(layers, opened)
     with _status(quiet=as_json) as tell:
         found = calibrate_sensor(

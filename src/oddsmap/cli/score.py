@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.settings import setting_layers
+from oddsmap.cli.settings import read_camera, read_extrinsics, setting_layers
 
 if TYPE_CHECKING:
     from oddsmap.config import Config
@@ -43,6 +43,19 @@ def score(
     poses: Annotated[
         Path | None, typer.Option(metavar="FILE", help="KITTI or TUM poses of a folder of scans.")
     ] = None,
+    times: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Stamps of a folder of scans, in seconds.")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(metavar="S", help="How far a pose may be from a scan's stamp.")
+    ] = 0.02,
+    extrinsics: Annotated[
+        str | None,
+        typer.Option("--body-from-sensor", metavar="'X Y Z QX QY QZ QW'", help="As for build."),
+    ] = None,
+    intrinsics: Annotated[
+        str | None, typer.Option("--camera", metavar="'FX FY CX CY W H'", help="As for build.")
+    ] = None,
     config: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Another sensor model: section sensor.")
     ] = None,
@@ -70,7 +83,15 @@ def score(
             raise ConfigError(f"{plot}: a picture is named .png; give a name that ends in .png")
         check_output(plot, force=force)
     belief, stored, provenance = _load(grid)
-    whole = open_log(log, poses=poses, skip_bad=skip_bad)
+    whole = open_log(
+        log,
+        poses=poses,
+        times=times,
+        tolerance_s=tolerance,
+        body_from_sensor=read_extrinsics(extrinsics),
+        camera=read_camera(intrinsics),
+        skip_bad=skip_bad,
+    )
     every = _held_out_of(provenance, grid, log) if held_out else None
     part = whole if every is None else hold_out(whole, every)[1]
     sensor = _settled(stored, whole, config, settings or []).sensor

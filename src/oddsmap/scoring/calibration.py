@@ -167,7 +167,8 @@ def calibrate(
     fit.renew_noise()
     if not noise_only:
         # Wide searches, then near ones: what each finds depends on the others.
-        angle = math.degrees(resolution / float(np.median(beams.ranges[np.isfinite(beams.ranges)])))
+        reach = float(np.median(beams.ranges[np.isfinite(beams.ranges)]))
+        angle = math.degrees(resolution / max(reach, resolution))
         for share in (1.0, 0.6, 0.4):
             if model.cone_deg > 0.0:
                 fit.search_edge(angle, share)

@@ -29,6 +29,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # Beams looked at together: as many scans as that takes.
 _BATCH = 1 << 14
+# Probabilities of first echoes held at a time, one a beam and range bin: 8 MB.
+_BATCH_BINS = 1 << 20
 # A likelihood of 0 (a no-return where p_dropout is 0 and an echo is certain) counts as this.
 _LEAST = 1e-12
 # Maps of one occupancy everywhere, the best of which is what a map must beat.
@@ -203,10 +205,12 @@ class _Tally:
             for i, p in enumerate(_CONSTANTS):
                 same = (listed.offsets, np.zeros_like(cells), listed.bins, listed.fractions)
                 self.constants[i] += self._logs(z, *same, np.array([p]))
-            for begin in range(0, len(z), _BATCH):
-                some = slice(begin, begin + _BATCH)
-                offsets = listed.offsets[begin : begin + _BATCH + 1]
-                echo = np.zeros((len(z[some]), model.bin_count(side)))
+            bins = model.bin_count(side)
+            batch = max(1, _BATCH_BINS // bins)
+            for begin in range(0, len(z), batch):
+                some = slice(begin, begin + batch)
+                offsets = listed.offsets[begin : begin + batch + 1]
+                echo = np.zeros((len(z[some]), bins))
                 first_echoes(offsets, *rows[1:], self.marginals.probability, detection, echo,
                              np.empty(len(echo)))  # fmt: skip
                 tally_hazards(z[some], noise, echo, side, self.count, self.predicted,
