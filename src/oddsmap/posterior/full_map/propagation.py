@@ -39,6 +39,8 @@ _FREE_SWEEPS = 10
 # Beams of a chunk do not know of each other. In a short log 512 are many that share their cells,
 # and they would overshoot together for ever: no more than this share of the beams.
 _LARGEST_SHARE = 1 / 64
+# Fewer beams of a chunk are not worth sharing among threads.
+_LEAST_SHARED = 64
 
 
 class Propagation:
@@ -131,8 +133,11 @@ class Propagation:
         moved = 0
         with ThreadPoolExecutor(self._threads) as pool:
             for start in range(0, len(order), size):
-                parts = np.array_split(order[start : start + size], self._threads)
-                fresh = list(pool.map(self._renewed, parts))
+                chunk = order[start : start + size]
+                # Chunks of a short log are done in less time than it takes to wake a thread.
+                alone = self._threads == 1 or len(chunk) < _LEAST_SHARED
+                parts = [chunk] if alone else np.array_split(chunk, self._threads)
+                fresh = list(map(self._renewed, parts) if alone else pool.map(self._renewed, parts))
                 for part, messages in zip(parts, fresh, strict=True):
                     moved += apply_messages(
                         self.rows, part, self.field.belief, self.messages, messages, keep
