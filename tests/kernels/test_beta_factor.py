@@ -196,17 +196,19 @@ def test_expected_counts_over_every_outcome(
     beam: Beam, model: ForwardModel, detection: FloatArray, rho: FloatArray
 ) -> None:
     z, table = outcomes(model, beam, rho, detection)
+    # The kernel holds no cell to return a beam more surely than by 1 - 1e-12, and Z may be small.
+    close = 1e-8 + CELLS * 1e-12 / z
     for informative in (False, True):
         hits, passes = np.zeros(CELLS, np.int64), np.zeros(CELLS, np.int64)
         log_z = expected_counts(
             rows_of([beam]), model.noise(RESOLUTION), detection, rho, informative, hits, passes
         )
-        assert log_z == pytest.approx(math.log(z), abs=1e-8)
+        assert log_z == pytest.approx(math.log(z), abs=close)
         for cell in range(CELLS):
             part = table.get(cell, np.zeros((2, 2)))
             part = part[:, 1:] if informative else part
-            assert hits[cell] / VOTE == pytest.approx(part[1].sum(), abs=1e-8)
-            assert passes[cell] / VOTE == pytest.approx(part[0].sum(), abs=1e-8)
+            assert hits[cell] / VOTE == pytest.approx(part[1].sum(), abs=close)
+            assert passes[cell] / VOTE == pytest.approx(part[0].sum(), abs=close)
 
 
 def scene() -> tuple[list[Beam], FloatArray, FloatArray]:

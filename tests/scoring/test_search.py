@@ -6,13 +6,15 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from oddsmap.scoring.search import climb
 
 
 @given(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.1, 100))
+@example(0.5, 0.0, 1.0)  # the start and the first step are as high
+@example(-0.5, 0.0, 1.0)
 def test_a_parabola_is_found_at_once(top: float, start: float, sharp: float) -> None:
     calls: list[float] = []
 

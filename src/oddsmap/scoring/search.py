@@ -55,6 +55,7 @@ def climb(
 
     middle = min(max(start, low), high)
     left, right = max(middle - step, low), min(middle + step, high)
+    value(middle)  # before the others: of equal values the first known is the best, one inside
     for _ in range(_MOST_STEPS):
         if value(right) > value(middle) and right < high:
             left, middle, right = middle, right, min(right + 2.0 * (right - middle), high)
