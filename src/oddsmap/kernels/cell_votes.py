@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.forgetting import scale_units
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import allocating, kernel
 from oddsmap.kernels.tiles import HITS, PASSES, TileArrays, add_units, find_or_insert
 
 __all__ = ["apply_counts", "cell_box", "gather_cells"]
@@ -114,7 +114,7 @@ def cell_box(index: IntArray, first: int, end: int, lo: IntArray, hi: IntArray) 
         lo[axis], hi[axis] = least, most
 
 
-@kernel
+@allocating
 def apply_counts(
     tiles: TileArrays,
     first_tile: IntArray,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import allocating, kernel
 from oddsmap.kernels.rays3d import emit_ray, ray_axis
 from oddsmap.kernels.tiles import HITS, ONE, PASSES
 from oddsmap.kernels.zone import BeamShape, fade_cells, zone_cells
@@ -21,7 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-@kernel
+@allocating
 def count_scan(
     origin: FloatArray,
     fades: FloatArray,

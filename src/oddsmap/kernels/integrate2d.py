@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.beams import ScanCells
 from oddsmap.kernels.forgetting import scale_units
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import allocating, kernel
 from oddsmap.kernels.segments import emit_passes, saturated_slabs, set_up
 from oddsmap.kernels.tiles import (
     HITS,
@@ -70,7 +70,7 @@ def _window_box(
     return clipped
 
 
-@kernel
+@allocating
 def mark_votes(
     tiles: TileArrays,
     side: int,
@@ -209,7 +209,7 @@ def _clear_margin(window: npt.NDArray[np.generic], stride: int, height: int) -> 
         window[row * stride + stride - 1] = 0
 
 
-@kernel
+@allocating
 def count_votes(
     tiles: TileArrays,
     side: int,
@@ -326,7 +326,7 @@ def _count_cells(
             window[at] = window[at] + weights[k] if every_beam else max(window[at], weights[k])
 
 
-@kernel
+@allocating
 def _apply_counts(
     tiles: TileArrays,
     side: int,

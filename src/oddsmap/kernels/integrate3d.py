@@ -13,7 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import allocating, kernel
 from oddsmap.kernels.rays3d import emit_ray, ray_axis
 from oddsmap.kernels.tiles import (
     HITS,
@@ -296,7 +296,7 @@ def _marked_slabs(
         slab += 1
 
 
-@kernel
+@allocating
 def apply_marks(
     tiles: TileArrays,
     first_tile: IntArray,
