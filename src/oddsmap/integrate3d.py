@@ -17,7 +17,8 @@ from oddsmap.integrate_lengths import LengthIntegrator, check_lengths
 from oddsmap.kernels.beams import ScanCells
 from oddsmap.kernels.cell_votes import apply_counts
 from oddsmap.kernels.count3d import count_scan
-from oddsmap.kernels.integrate3d import BIN_COUNT, apply_marks, mark_scan, sort_rays
+from oddsmap.kernels.integrate3d import BIN_COUNT, SLABS, apply_marks, mark_scan, sort_rays
+from oddsmap.kernels.rays3d import COLUMNS, RAYS
 from oddsmap.kernels.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Measurement
@@ -69,6 +70,7 @@ class Integrator3D:
         self._weights = np.zeros((2, 0), np.int64)
         self._table = np.zeros(0, np.int32)
         self._spans = np.empty((BIN_COUNT, 4))
+        self._rays = np.empty(COLUMNS * RAYS)
         self._done = np.zeros(BIN_COUNT, np.int32)
         zone = cells_near_return(sensor, evidence.resolution, 3)
         self._zone = np.zeros((zone, 3), np.int64)
@@ -141,7 +143,7 @@ class Integrator3D:
     def _mark(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
         part = slice(int(scans.offsets[scan]), int(scans.offsets[scan + 1]))
         origin, ends, hit = scans.origins[scan], scans.ends[part], scans.hit[part]
-        buffer = self._ray_buffer(shape)
+        buffer = self._ray_buffer(shape, SLABS)
         bins = np.empty(len(ends), np.int32)
         sort_rays(origin, ends, bins, self._spans)
         self._done[:] = 0
@@ -149,7 +151,7 @@ class Integrator3D:
         while first >= 0:
             first = mark_scan(
                 origin, ends, hit, scans.tiles_lo[scan] << self._bits, self._bits,
-                _strides(shape), bins, self._spans, self._done, buffer,
+                _strides(shape), bins, self._spans, self._done, self._rays, buffer,
                 self._table, self._used, self._marks, first,
             )  # fmt: skip
             if first >= 0:
@@ -157,21 +159,23 @@ class Integrator3D:
 
     def _count(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
         part = slice(int(scans.offsets[scan]), int(scans.offsets[scan + 1]))
-        buffer = self._ray_buffer(shape)
+        buffer = self._ray_buffer(shape, 0)
         first = 0
         while first >= 0:
             first = count_scan(
                 scans.origins[scan], scans.fades[part], scans.ends[part], scans.tips[part],
                 scans.hit[part],
                 scans.tiles_lo[scan] << self._bits, self._bits, _strides(shape),
-                self._every_beam, self._shape, buffer, self._table, self._used, self._weights,
+                self._every_beam, self._shape, self._rays, buffer,
+                self._table, self._used, self._weights,
                 self._zone, self._zone_left, self._zone_weights, first,
             )  # fmt: skip
             if first >= 0:
                 self._grow(3 * buffer.shape[1] + 2 * len(self._zone))
 
-    def _ray_buffer(self, shape: npt.NDArray[np.int64]) -> npt.NDArray[np.signedinteger]:
-        return self._code_buffer(shape, (3, (int(shape.max()) << self._bits) + 10))
+    def _ray_buffer(self, shape: npt.NDArray[np.int64], more: int) -> npt.NDArray[np.signedinteger]:
+        """Room for the slabs of one ray through a window, and `more`."""
+        return self._code_buffer(shape, (3, (int(shape.max()) << self._bits) + 10 + more))
 
     def _code_buffer(
         self, shape: npt.NDArray[np.int64], room: tuple[int, int]

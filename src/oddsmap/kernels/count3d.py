@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import allocating, kernel
-from oddsmap.kernels.rays3d import emit_ray, ray_axis
+from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.rays3d import RAYS, X, Y, Z, emit_ray, set_up
 from oddsmap.kernels.tiles import HITS, ONE, PASSES
 from oddsmap.kernels.zone import BeamShape, fade_cells, zone_cells
 
@@ -21,7 +21,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-@allocating
+@kernel
 def count_scan(
     origin: FloatArray,
     fades: FloatArray,
@@ -33,6 +33,7 @@ def count_scan(
     blocks: IntArray,
     every_beam: bool,
     shape: BeamShape,
+    rays: FloatArray,
     buffer: npt.NDArray[np.signedinteger],
     table: npt.NDArray[np.int32],
     used: IntArray,
@@ -55,6 +56,7 @@ def count_scan(
         blocks: strides of the window's blocks: 1, blocks along x, blocks along x and y.
         every_beam: True: weights add up; False: a cell keeps the largest.
         shape: how a ray votes around its return.
+        rays: room to describe some, shape (COLUMNS * RAYS,).
         buffer: room for one ray, shape (3, slabs + 9).
         table: zeros, one for each block of the window.
         used: used[0] is how many blocks were touched; then their places in the table.
@@ -70,41 +72,52 @@ def count_scan(
     """
     shift = np.uint64(3 * bits)
     within = (np.uint64(1) << shift) - np.uint64(1)
-    codes = np.empty(3, np.uint64)
     room = used.shape[0] - 1
-    for i in range(first, ends.shape[0]):
-        if used[0] + 3 * buffer.shape[1] + 2 * zone.shape[0] > room:
-            return i
-        axis = ray_axis(fades[i, 0] - origin[0], fades[i, 1] - origin[1], fades[i, 2] - origin[2])
-        slabs = emit_ray(origin, fades, i, lo, axis, 0, bits, blocks, buffer)
-        for k in range(slabs):
-            # The three cells of a slab may be one or two: each counts once.
-            codes[0], codes[1], codes[2] = buffer[0, k], buffer[1, k], buffer[2, k]
-            for row in range(3):
-                code = codes[row]
-                if (row > 0 and code == codes[0]) or (row > 1 and code == codes[1]):
-                    continue
-                block = code >> shift
-                slot = np.uint64(table[block])
-                if slot == 0:
-                    used[0] += 1
-                    slot = np.uint64(used[0])
-                    table[block] = np.int32(slot)
-                    used[slot] = np.int64(block)
-                at = (slot << shift) + (code & within)
-                weights[PASSES, at] = weights[PASSES, at] + ONE if every_beam else ONE
-        if shape.fade > 0.0:
-            count = fade_cells(origin, fades, ends, i, shape.fade, zone, zone_left, zone_weights)
-            _add_cells(
-                zone, zone_weights, count, PASSES, lo, bits, blocks, every_beam,
-                table, used, weights,
-            )  # fmt: skip
-        if hit[i]:
-            count = zone_cells(ends, tips, i, shape, zone, zone_left, zone_weights)
-            _add_cells(
-                zone, zone_weights, count, HITS, lo, bits, blocks, every_beam,
-                table, used, weights,
-            )  # fmt: skip
+    for begin in range(first, ends.shape[0], RAYS):
+        many = min(RAYS, ends.shape[0] - begin)
+        for j in range(many):
+            place = np.uint64(j)
+            rays[X + place], rays[Y + place], rays[Z + place] = (
+                fades[begin + j, 0],
+                fades[begin + j, 1],
+                fades[begin + j, 2],
+            )
+        set_up(origin, lo, bits, blocks, rays, many)
+        for j in range(many):
+            i = begin + j
+            if used[0] + 3 * buffer.shape[1] + 2 * zone.shape[0] > room:
+                return i
+            slabs = emit_ray(rays, j, 0, bits, blocks, buffer, 0)
+            for k in range(slabs):
+                # The three cells of a slab may be one or two: each counts once.
+                entry, leave = np.uint64(buffer[0, k]), np.uint64(buffer[1, k])
+                for row in range(3):
+                    code = np.uint64(buffer[row, k])
+                    if (row > 0 and code == entry) or (row > 1 and code == leave):
+                        continue
+                    block = code >> shift
+                    slot = np.uint64(table[block])
+                    if slot == 0:
+                        used[0] += 1
+                        slot = np.uint64(used[0])
+                        table[block] = np.int32(slot)
+                        used[slot] = np.int64(block)
+                    at = (slot << shift) + (code & within)
+                    weights[PASSES, at] = weights[PASSES, at] + ONE if every_beam else ONE
+            if shape.fade > 0.0:
+                count = fade_cells(
+                    origin, fades, ends, i, shape.fade, zone, zone_left, zone_weights
+                )
+                _add_cells(
+                    zone, zone_weights, count, PASSES, lo, bits, blocks, every_beam,
+                    table, used, weights,
+                )  # fmt: skip
+            if hit[i]:
+                count = zone_cells(ends, tips, i, shape, zone, zone_left, zone_weights)
+                _add_cells(
+                    zone, zone_weights, count, HITS, lo, bits, blocks, every_beam,
+                    table, used, weights,
+                )  # fmt: skip
     return -1
 
 

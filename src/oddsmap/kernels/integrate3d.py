@@ -13,8 +13,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import allocating, kernel
-from oddsmap.kernels.rays3d import emit_ray, ray_axis
+from oddsmap.kernels.jit import allocating, inlined, kernel
+from oddsmap.kernels.rays3d import RAYS, X, Y, Z, emit_ray, ray_axis, set_up
 from oddsmap.kernels.tiles import (
     HITS,
     PASSES,
@@ -37,6 +37,8 @@ LEVELS = 3
 """Each level has twice as many bins a side as the one before."""
 FINE = COARSE << (LEVELS - 1)
 BIN_COUNT = sum(6 * (COARSE << level) ** 2 for level in range(LEVELS))
+SLABS = 1024
+"""About how many slabs are listed before their cells are marked."""
 STRIDE = 17
 """Rays are taken 17 apart, from each of 17 beginnings in turn. LIDARs list 16, 32, 64... beams to a
 column: a stride prime to these spreads the first rays over all directions."""
@@ -139,6 +141,30 @@ def _mark_hits(
         marks[(slot << shift) + place] = OCCUPIED
 
 
+@inlined
+def _mark_passes(
+    buffer: npt.NDArray[np.signedinteger],
+    slabs: int,
+    shift: np.uint64,
+    table: npt.NDArray[np.int32],
+    used: IntArray,
+    marks: Marks,
+) -> None:
+    within = (np.uint64(1) << shift) - np.uint64(1)
+    for k in range(slabs):
+        for row in range(3):
+            code = np.uint64(buffer[row, np.uint64(k)])
+            block = code >> shift
+            slot = np.uint64(table[block])
+            # Blocks are numbered from 1 in the order of first touch; 0 means "not touched".
+            if slot == 0:
+                used[0] += 1
+                slot = np.uint64(used[0])
+                table[block] = np.int32(slot)
+                used[slot] = np.int64(block)
+            marks[(slot << shift) + (code & within)] = FREE
+
+
 @kernel
 def mark_scan(
     origin: FloatArray,
@@ -150,6 +176,7 @@ def mark_scan(
     bins: npt.NDArray[np.int32],
     spans: FloatArray,
     done: npt.NDArray[np.int32],
+    rays: FloatArray,
     buffer: npt.NDArray[np.signedinteger],
     table: npt.NDArray[np.int32],
     used: IntArray,
@@ -168,7 +195,8 @@ def mark_scan(
         bins: from `sort_rays`.
         spans: from `sort_rays`.
         done: zeros at the first call, shape (bins,): leading slabs known to be marked.
-        buffer: room for one ray, shape (3, slabs + 9).
+        rays: room to describe some, shape (COLUMNS * RAYS,).
+        buffer: room for their cells, shape (3, SLABS + those of one ray + 9).
         table: zeros, one for each block of the window.
         used: used[0] is how many blocks were touched; then their places in the table.
         marks: zeros, one byte a cell, block after block, block 0 unused.
@@ -177,38 +205,36 @@ def mark_scan(
     Returns:
         Where to go on once there is room for more blocks in `used` and `marks`; -1 when done.
     """
-    shift = np.uint64(3 * bits)
-    within = (np.uint64(1) << shift) - np.uint64(1)
     count = ends.shape[0]
     room = used.shape[0] - 1
-    at = 0
+    before = 0
     for begin in ORDER:
-        for i in range(begin, count, STRIDE):
-            at += 1
-            if at <= first:
+        n = (count - begin + STRIDE - 1) // STRIDE
+        for batch in range(0, n, RAYS):
+            many = min(RAYS, n - batch)
+            at = max(first - before, 0)
+            before += many
+            if at >= many:
                 continue
-            dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
-            axis = ray_axis(dx, dy, dz)
-            slabs = emit_ray(origin, ends, i, lo, axis, done[bins[i]], bits, blocks, buffer)
-            if used[0] + 3 * slabs > room:
-                return at - 1
-            # Blocks are numbered from 1 in the order of first touch; 0 means "not touched". (Not a
-            # function of its own: passing arrays costs more than a mark does.)
-            for k in range(slabs):
-                for row in range(3):
-                    code = np.uint64(buffer[row, np.uint64(k)])
-                    block = code >> shift
-                    slot = np.uint64(table[block])
-                    if slot == 0:
-                        used[0] += 1
-                        slot = np.uint64(used[0])
-                        table[block] = np.int32(slot)
-                        used[slot] = np.int64(block)
-                    marks[(slot << shift) + (code & within)] = FREE
-        if at > first and begin in LAST_OF_ROUND:
+            for j in range(many):
+                i, ray = begin + (batch + j) * STRIDE, np.uint64(j)
+                rays[X + ray], rays[Y + ray], rays[Z + ray] = ends[i, 0], ends[i, 1], ends[i, 2]
+            set_up(origin, lo, bits, blocks, rays, many)
+            while at < many:
+                # Many rays at a time, too: a loop's end is a branch that is guessed wrong.
+                slabs, ray = 0, at
+                while ray < many and slabs < SLABS:
+                    skip = done[bins[begin + (batch + ray) * STRIDE]]
+                    slabs = emit_ray(rays, ray, skip, bits, blocks, buffer, slabs)
+                    ray += 1
+                if used[0] + 3 * slabs > room:
+                    return before - many + at
+                at = ray
+                _mark_passes(buffer, slabs, np.uint64(3 * bits), table, used, marks)
+        if before > first and begin in LAST_OF_ROUND:
             _advance(origin, lo, bits, blocks, spans, done, table, marks)
     if used[0] + count > room:
-        return at
+        return count
     _mark_hits(ends, hit, lo, bits, blocks, table, used, marks)
     return -1
 
