@@ -19,7 +19,7 @@ from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate_lengths import LengthIntegrator, check_lengths
 from oddsmap.kernels.beams import ScanCells
-from oddsmap.kernels.integrate2d import DONE, FULL, count_votes, mark_votes
+from oddsmap.kernels.integrate2d import DONE, FULL, SLABS, Room, count_votes, mark_votes
 from oddsmap.kernels.segments import COLUMNS
 from oddsmap.kernels.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
@@ -69,8 +69,13 @@ class Integrator2D:
         self._cells = np.zeros((zone, 2), np.int64)
         self._left = np.zeros(zone)
         self._weights = np.zeros(zone, np.int64)
-        self._table = np.zeros((0, COLUMNS), np.int64)
-        self._buffer = np.zeros((2, 0), np.int32)
+        self._room = Room(
+            table=np.zeros((0, COLUMNS), np.int64),
+            buffer=np.zeros((2, 0), np.int32),
+            units=np.zeros((2, tiles.side**2), np.int64),
+            box=np.zeros(4, np.int64),
+            key=np.zeros(2, np.int64),
+        )
         self._lengths: LengthIntegrator | None = None
         if evidence.lengths is not None:
             check_lengths(sensor)
@@ -105,12 +110,12 @@ class Integrator2D:
             if self._marks:
                 first, status = mark_votes(
                     self.tiles.arrays, side, scans, first,
-                    self._mark_window, block, self._table, self._buffer,
+                    self._mark_window, block, self._room,
                 )  # fmt: skip
             else:
                 first, status = count_votes(
                     self.tiles.arrays, side, scans, first,
-                    self._count_window, block, self._table, self._buffer,
+                    self._count_window, block, self._room,
                     self._every_beam, self._shape, self.scale,
                     self._cells, self._left, self._weights, self.lost,
                 )  # fmt: skip
@@ -131,8 +136,8 @@ class Integrator2D:
         if not self._marks and self._count_window.shape[1] < cells:
             self._count_window = np.zeros((2, cells), np.int64)
         beams = int(np.diff(scans.offsets).max())
-        if len(self._table) < beams:
-            self._table = np.zeros((beams, COLUMNS), np.int64)
-        borders = int((widest * self.tiles.side).max()) + 2
-        if self._buffer.shape[1] < borders:
-            self._buffer = np.zeros((2, borders), np.int32)
+        if len(self._room.table) < beams:
+            self._room = self._room._replace(table=np.zeros((beams, COLUMNS), np.int64))
+        slabs = SLABS + int((widest * self.tiles.side).max()) + 10
+        if self._room.buffer.shape[1] < slabs:
+            self._room = self._room._replace(buffer=np.zeros((2, slabs), np.int32))

@@ -9,13 +9,14 @@ is gone through once a block; which block a cell falls in changes no bit.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.beams import ScanCells
 from oddsmap.kernels.forgetting import scale_units
-from oddsmap.kernels.jit import allocating, kernel
+from oddsmap.kernels.jit import inlined, kernel
 from oddsmap.kernels.segments import emit_passes, saturated_slabs, set_up
 from oddsmap.kernels.tiles import (
     HITS,
@@ -29,7 +30,7 @@ from oddsmap.kernels.tiles import (
 )
 from oddsmap.kernels.zone import BeamShape, fade_cells, zone_cells
 
-__all__ = ["DONE", "FULL", "OVERFLOW", "count_votes", "mark_votes"]
+__all__ = ["DONE", "FULL", "OVERFLOW", "SLABS", "Room", "count_votes", "mark_votes"]
 
 DONE, FULL, OVERFLOW = 0, 1, 2
 """All scans done; more tiles must be made room for first; a cell passed MAX_UNITS."""
@@ -38,7 +39,25 @@ _COARSEST = 16
 """Every 16th segment is traced whole, the ones between start where these two have diverged. With
 1081 beams of 0.25 degrees at 0.05 m this halves the time (see benchmarks/README.md)."""
 
+SLABS = 1024
+"""About how many slabs are listed before their cells are marked."""
+
 _FREE, _OCCUPIED = 1, 2
+
+
+class Room(NamedTuple):
+    """What the kernels here work in: they make no arrays of their own."""
+
+    table: npt.NDArray[np.int64]
+    """One scan's segments, shape (at least segments, COLUMNS)."""
+    buffer: npt.NDArray[np.int32]
+    """Segments' slabs, shape (2, at least SLABS + borders that one crosses + 10)."""
+    units: npt.NDArray[np.int64]
+    """One tile's hits and passes, shape (2, cells)."""
+    box: npt.NDArray[np.int64]
+    """A window, shape (4,)."""
+    key: npt.NDArray[np.int64]
+    """A tile's coordinates, shape (2,)."""
 
 
 @kernel
@@ -70,7 +89,7 @@ def _window_box(
     return clipped
 
 
-@allocating
+@kernel
 def mark_votes(
     tiles: TileArrays,
     side: int,
@@ -78,8 +97,7 @@ def mark_votes(
     first: int,
     window: npt.NDArray[np.uint8],
     block_tiles: int,
-    table: npt.NDArray[np.int64],
-    buffer: npt.NDArray[np.int32],
+    room: Room,
 ) -> tuple[int, int]:
     """Give each cell at most one whole vote a scan, hits before passes.
 
@@ -90,14 +108,12 @@ def mark_votes(
         first: scan to begin with.
         window: zeros, at least (block_tiles * side + 2)^2 long; zeros again afterwards.
         block_tiles: the most tiles along a window's side.
-        table: room for one scan's segments, shape (segments, COLUMNS).
-        buffer: room for one segment's slabs, shape (2, borders it crosses + 1).
+        room: to work in.
 
     Returns:
         The scan to go on with, and DONE, FULL or OVERFLOW.
     """
-    box = np.empty(4, np.int64)
-    key = np.empty(2, np.int64)
+    table, buffer, box, key = room.table, room.buffer, room.box, room.key
     for scan in range(first, scans.origins.shape[0]):
         begin, end = scans.offsets[scan], scans.offsets[scan + 1]
         across = scans.tiles_hi[scan, 0] - scans.tiles_lo[scan, 0]
@@ -129,18 +145,27 @@ def _mark_passes(
     buffer: npt.NDArray[np.int32],
 ) -> None:
     # Coarse to fine: first every 16th segment, then the ones half way between two done ones.
-    half = _COARSEST
+    half, slabs = _COARSEST, 0
     while half > 0:
         start, step = (0, half) if half == _COARSEST else (half, 2 * half)
         for i in range(start, count, step):
             skip = 0
             if half < _COARSEST and i + half < count:
                 skip = saturated_slabs(table, i, i - half, i + half)
-            slabs = emit_passes(table, i, skip, box, clipped, stride, buffer)
-            for k in range(slabs):
-                window[buffer[0, k]] = _FREE
-                window[buffer[1, k]] = _FREE
+            slabs = emit_passes(table, i, skip, box, clipped, stride, buffer, slabs)
+            # Many at a time: the end of a loop is a branch that is guessed wrong, 5 ns a beam.
+            if slabs >= SLABS:
+                _mark(buffer, slabs, window)
+                slabs = 0
         half //= 2
+    _mark(buffer, slabs, window)
+
+
+@inlined
+def _mark(buffer: npt.NDArray[np.int32], slabs: int, window: npt.NDArray[np.uint8]) -> None:
+    for k in range(slabs):
+        window[np.uint64(buffer[0, np.uint64(k)])] = _FREE
+        window[np.uint64(buffer[1, np.uint64(k)])] = _FREE
 
 
 @kernel
@@ -209,7 +234,7 @@ def _clear_margin(window: npt.NDArray[np.generic], stride: int, height: int) -> 
         window[row * stride + stride - 1] = 0
 
 
-@allocating
+@kernel
 def count_votes(
     tiles: TileArrays,
     side: int,
@@ -217,8 +242,7 @@ def count_votes(
     first: int,
     window: npt.NDArray[np.int64],
     block_tiles: int,
-    table: npt.NDArray[np.int64],
-    buffer: npt.NDArray[np.int32],
+    room: Room,
     every_beam: bool,
     shape: BeamShape,
     scale: int,
@@ -236,8 +260,7 @@ def count_votes(
         first: scan to begin with.
         window: zeros, shape (2, at least (block_tiles * side + 2)^2); zeros again afterwards.
         block_tiles: the most tiles along a window's side.
-        table: room for one scan's segments, shape (segments, COLUMNS).
-        buffer: room for one segment's slabs, shape (2, borders it crosses + 1).
+        room: to work in.
         every_beam: True: the weights of a scan's beams add up. False: a cell gets the largest hit
             weight of the scan, and only if that is 0 the largest pass weight.
         shape: how a beam votes around its return.
@@ -251,22 +274,22 @@ def count_votes(
     Returns:
         The scan to go on with, and DONE, FULL or OVERFLOW.
     """
-    box = np.empty(4, np.int64)
-    key = np.empty(2, np.int64)
+    table, buffer, box, key = room.table, room.buffer, room.box, room.key
     for scan in range(first, scans.origins.shape[0]):
         begin, end = scans.offsets[scan], scans.offsets[scan + 1]
         across = scans.tiles_hi[scan, 0] - scans.tiles_lo[scan, 0]
         up = scans.tiles_hi[scan, 1] - scans.tiles_lo[scan, 1]
         if not has_room(tiles, across * up, True):
             return scan, FULL
+        hits, passes = window[HITS], window[PASSES]
         _describe(scans, scan, table)
         for block_y in range((up + block_tiles - 1) // block_tiles):
             for block_x in range((across + block_tiles - 1) // block_tiles):
                 clipped = _window_box(scans, scan, (block_x, block_y), block_tiles, side, box)
                 stride = box[1] - box[0] + 2
                 for i in range(begin, end):
-                    slabs = emit_passes(table, i - begin, 0, box, clipped, stride, buffer)
-                    _count_passes(window[PASSES], buffer, slabs, every_beam)
+                    slabs = emit_passes(table, i - begin, 0, box, clipped, stride, buffer, 0)
+                    _count_passes(passes, buffer, slabs, every_beam)
                     if shape.fade > 0.0:
                         count = fade_cells(
                             scans.origins[scan], scans.fades, scans.ends, i, shape.fade,
@@ -274,33 +297,33 @@ def count_votes(
                         )  # fmt: skip
                         _count_cells(
                             scans.origins[scan], cells, weights, count, box, stride,
-                            window[PASSES], every_beam,
+                            passes, every_beam,
                         )  # fmt: skip
                     if scans.hit[i]:
                         count = zone_cells(scans.ends, scans.tips, i, shape, cells, left, weights)
                         _count_cells(
                             scans.origins[scan], cells, weights, count, box, stride,
-                            window[HITS], every_beam,
+                            hits, every_beam,
                         )  # fmt: skip
                 key[0] = scans.tiles_lo[scan, 0] + block_x * block_tiles
                 key[1] = scans.tiles_lo[scan, 1] + block_y * block_tiles
                 if not _apply_counts(
-                    tiles, side, window, stride, box, key, every_beam, scale, lost
+                    tiles, side, window, stride, box, room, every_beam, scale, lost
                 ):
                     return scan, OVERFLOW
     return scans.origins.shape[0], DONE
 
 
-@kernel
+@inlined
 def _count_passes(
     window: npt.NDArray[np.int64], buffer: npt.NDArray[np.int32], slabs: int, every_beam: bool
 ) -> None:
     for k in range(slabs):
-        one, other = buffer[0, k], buffer[1, k]
+        one, other = np.uint64(buffer[0, np.uint64(k)]), np.uint64(buffer[1, np.uint64(k)])
         if every_beam:
             window[one] += ONE
-            if other != one:
-                window[other] += ONE
+            # Without a branch, which beams would take at random.
+            window[other] += ONE * np.int64(other != one)
         else:
             window[one] = ONE
             window[other] = ONE
@@ -326,22 +349,21 @@ def _count_cells(
             window[at] = window[at] + weights[k] if every_beam else max(window[at], weights[k])
 
 
-@allocating
+@kernel
 def _apply_counts(
     tiles: TileArrays,
     side: int,
     window: npt.NDArray[np.int64],
     stride: int,
     box: npt.NDArray[np.int64],
-    key: npt.NDArray[np.int64],
+    room: Room,
     every_beam: bool,
     scale: int,
     lost: npt.NDArray[np.int64],
 ) -> bool:
     """Add the window's weights to the tiles, the first of which is at `key`, and zero it."""
     fits = True
-    hits = np.empty(side * side, np.int64)
-    passes = np.empty(side * side, np.int64)
+    key, hits, passes = room.key, room.units[HITS], room.units[PASSES]
     across, up = (box[1] - box[0]) // side, (box[3] - box[2]) // side
     x_tile, y_tile = key[0], key[1]
     for tile_y in range(up):
