@@ -73,8 +73,8 @@ def sort_rays(
         dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
         axis = ray_axis(dx, dy, dz)
         da, db, dc = (dx, dy, dz) if axis == 0 else ((dy, dz, dx) if axis == 1 else (dz, dx, dy))
-        scale = 1.0 / abs(da) if da != 0.0 else 0.0
-        p, q = db * scale, dc * scale
+        # Not times 1 / da, which is infinite where da is next to nothing.
+        p, q = (db / abs(da), dc / abs(da)) if da != 0.0 else (0.0, 0.0)
         face = 2 * axis + (1 if da < 0 else 0)
         at_p = min(FINE - 1, np.int64((p + 1.0) * (0.5 * FINE)))
         at_q = min(FINE - 1, np.int64((q + 1.0) * (0.5 * FINE)))
@@ -353,13 +353,17 @@ def apply_marks(
         key[2] = first_tile[2] + block // (across * up)
         tile = find_or_insert(tiles, key)
         fits &= make_room_for_vote(tiles, tile)
-        hits, passes = tiles.narrow[tile, HITS], tiles.narrow[tile, PASSES]
+        table[block] = 0
+        used[slot] = tile
+    # A loop of its own: look-ups wait for memory, and several do so at once where no work on cells
+    # lies between them.
+    for slot in range(1, used[0] + 1):
+        hits, passes = tiles.narrow[used[slot], HITS], tiles.narrow[used[slot], PASSES]
         start = slot * cells
         for k in range(cells):
             mark = marks[np.uint64(start + k)]
             hits[np.uint64(k)] += np.uint8(mark >> 1)
             passes[np.uint64(k)] += np.uint8(mark & 1)
             marks[np.uint64(start + k)] = 0
-        table[block] = 0
     used[0] = 0
     return fits

@@ -135,7 +135,8 @@ def has_room(tiles: TileArrays, touched: int, fractional: bool) -> bool:
 
     Whole votes need wide rows only once a tile is full; `fractional` weights may always.
     """
-    if tiles.counts[TILE_COUNT] + touched > tiles.coords.shape[0]:
+    after = tiles.counts[TILE_COUNT] + touched
+    if after > tiles.coords.shape[0] or 2 * after > tiles.table.shape[0]:
         return False
     if not fractional and tiles.counts[ANY_FULL] == 0:
         return True
