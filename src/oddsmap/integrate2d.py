@@ -75,6 +75,8 @@ class Integrator2D:
             units=np.zeros((2, tiles.side**2), np.int64),
             box=np.zeros(4, np.int64),
             key=np.zeros(2, np.int64),
+            band=np.zeros(0, np.uint8),
+            found=np.zeros((0, 2), np.int64),
         )
         self._lengths: LengthIntegrator | None = None
         if evidence.lengths is not None:
@@ -138,6 +140,11 @@ class Integrator2D:
         beams = int(np.diff(scans.offsets).max())
         if len(self._room.table) < beams:
             self._room = self._room._replace(table=np.zeros((beams, COLUMNS), np.int64))
+        if len(self._room.band) < across:
+            self._room = self._room._replace(
+                band=np.zeros(across, np.uint8),
+                found=np.zeros((across // self.tiles.side + 1, 2), np.int64),
+            )
         slabs = SLABS + int((widest * self.tiles.side).max()) + 10
         if self._room.buffer.shape[1] < slabs:
             self._room = self._room._replace(buffer=np.zeros((2, slabs), np.int32))

@@ -58,6 +58,10 @@ class Room(NamedTuple):
     """A window, shape (4,)."""
     key: npt.NDArray[np.int64]
     """A tile's coordinates, shape (2,)."""
+    band: npt.NDArray[np.uint8]
+    """The columns of a window, shape (at least its width,)."""
+    found: npt.NDArray[np.int64]
+    """Tiles across a window, shape (at least so many, 2)."""
 
 
 @kernel
@@ -129,7 +133,7 @@ def mark_votes(
                 _mark_hits(scans, scan, box, stride, window)
                 key[0] = scans.tiles_lo[scan, 0] + block_x * block_tiles
                 key[1] = scans.tiles_lo[scan, 1] + block_y * block_tiles
-                if not _apply_marks(tiles, side, window, stride, box, key):
+                if not _apply_marks(tiles, side, window, stride, room):
                     return scan, OVERFLOW
     return scans.origins.shape[0], DONE
 
@@ -192,30 +196,41 @@ def _apply_marks(
     side: int,
     window: npt.NDArray[np.uint8],
     stride: int,
-    box: npt.NDArray[np.int64],
-    key: npt.NDArray[np.int64],
+    room: Room,
 ) -> bool:
-    """Add the window's marks to the tiles, the first of which is at `key`, and zero the window."""
+    """Add the window's marks to tiles, the first of which is at `room.key`, and zero the window."""
     fits = True
+    box, key, band, found = room.box, room.key, room.band, room.found
     across, up = (box[1] - box[0]) // side, (box[3] - box[2]) // side
     x_tile, y_tile = key[0], key[1]
+    # Indices are unsigned here, so that loops over cells vectorise: 15 times faster.
     for tile_y in range(up):
+        corner = (tile_y * side + 1) * stride + 1
+        # Which columns of a row of tiles have marks: in long loops, a third of the time of asking
+        # tile by tile.
+        for k in range(across * side):
+            band[np.uint64(k)] = 0
+        for row in range(side):
+            for k in range(across * side):
+                band[np.uint64(k)] |= window[np.uint64(corner + row * stride + k)]
+        # Tiles first, then cells: look-ups wait for memory, and so several do at once.
+        count = 0
         for tile_x in range(across):
-            corner = (tile_y * side + 1) * stride + tile_x * side + 1
-            # Indices are unsigned here and below, so that these loops vectorise: 15 times faster.
             seen = np.uint8(0)
-            for row in range(side):
-                at = corner + row * stride
-                for k in range(side):
-                    seen |= window[np.uint64(at + k)]
+            for k in range(tile_x * side, (tile_x + 1) * side):
+                seen |= band[np.uint64(k)]
             if seen == 0:
                 continue
             key[0], key[1] = x_tile + tile_x, y_tile + tile_y
             slot = find_or_insert(tiles, key)
             fits &= make_room_for_vote(tiles, slot)
+            found[count, 0], found[count, 1] = slot, corner + tile_x * side
+            count += 1
+        for i in range(count):
+            slot = found[i, 0]
             hits, passes = tiles.narrow[slot, HITS], tiles.narrow[slot, PASSES]
             for row in range(side):
-                at, to = corner + row * stride, row * side
+                at, to = found[i, 1] + row * stride, row * side
                 for k in range(side):
                     mark = window[np.uint64(at + k)]
                     hits[np.uint64(to + k)] += np.uint8(mark >> 1)
@@ -307,9 +322,7 @@ def count_votes(
                         )  # fmt: skip
                 key[0] = scans.tiles_lo[scan, 0] + block_x * block_tiles
                 key[1] = scans.tiles_lo[scan, 1] + block_y * block_tiles
-                if not _apply_counts(
-                    tiles, side, window, stride, box, room, every_beam, scale, lost
-                ):
+                if not _apply_counts(tiles, side, window, stride, room, every_beam, scale, lost):
                     return scan, OVERFLOW
     return scans.origins.shape[0], DONE
 
@@ -355,15 +368,14 @@ def _apply_counts(
     side: int,
     window: npt.NDArray[np.int64],
     stride: int,
-    box: npt.NDArray[np.int64],
     room: Room,
     every_beam: bool,
     scale: int,
     lost: npt.NDArray[np.int64],
 ) -> bool:
-    """Add the window's weights to the tiles, the first of which is at `key`, and zero it."""
+    """Add the window's weights to tiles, the first of which is at `room.key`, and zero it."""
     fits = True
-    key, hits, passes = room.key, room.units[HITS], room.units[PASSES]
+    box, key, hits, passes = room.box, room.key, room.units[HITS], room.units[PASSES]
     across, up = (box[1] - box[0]) // side, (box[3] - box[2]) // side
     x_tile, y_tile = key[0], key[1]
     for tile_y in range(up):
