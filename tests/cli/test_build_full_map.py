@@ -162,6 +162,11 @@ def test_settings(run: Run, sonar: Path, tmp_path: Path) -> None:
         (("--set", "map.half_life=9"), "map.half_life is for the filter"),
         (("--set", "sensor.mark_z_min=0.1"), "sensor.mark_z_min is for the filter"),
         (("--method", "projective"), "--method projective is for depth images"),
+        (
+            ("--set", "posterior.prior=0.5"),
+            "--set posterior.prior=0.5: posterior.prior belongs to --estimator filter, a full map "
+            "would not look at it: set full_map.prior",
+        ),
     ],
 )
 def test_refused(
@@ -175,6 +180,54 @@ def test_refused(
 def test_sweeps_are_of_the_full_map(run: Run, sonar: Path, tmp_path: Path) -> None:
     words = ("--resolution", 0.1, "--sweeps", 4, "-o", tmp_path / "m.zarr")
     assert "--sweeps belongs to --estimator full-map" in run("build", sonar, *words).line
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("full_map.coupling=0.8", "full_map.coupling belongs to --estimator full-map, the filter "
+         "would not look at it: leave it out, or add --estimator full-map"),
+        ("full_map.prior=0.2", "set posterior.prior for the filter, or add --estimator full-map"),
+    ],
+)  # fmt: skip
+def test_settings_of_the_full_map_are_not_the_filters(
+    run: Run, sonar: Path, tmp_path: Path, setting: str, message: str
+) -> None:
+    out, toml = tmp_path / "m.zarr", tmp_path / "a.toml"
+    words = ("build", sonar, "--resolution", 0.1, "-o", out)
+    line = run(*words, "--set", setting).line
+    assert line.startswith(f"--set {setting}: full_map.")
+    assert message in line
+    name, value = setting.removeprefix("full_map.").split("=")
+    toml.write_text(f"[full_map]\n{name} = {value}\n")
+    line = run(*words, "--config", toml).line
+    assert line.startswith(f"{toml}: full_map.")
+    assert message in line
+    assert not out.exists()
+    # What both estimators look at, and a section with nothing in it, are no mistakes.
+    toml.write_text("[full_map]\n[posterior]\noccupied = 0.7\n")
+    assert run(*words, "--config", toml, "--set", "posterior.prior=0.4").status == 0
+    assert run(*words, "--estimator", "full-map", "--config", toml, "--force").status == 0
+    assert load_full_map(out).thresholds.occupied == 0.7
+
+
+def test_a_pose_far_off_spoils_no_map(run: Run, sonar: Path, tmp_path: Path) -> None:
+    """Mapped where it says it is, or skipped and counted where no precision is left there."""
+    with np.load(sonar) as arrays:
+        beams, rest = arrays["beams"], {k: v for k, v in arrays.items() if k != "beams"}
+    for metres, skipped in ((1e9, {}), (1e13, {"scan.pose_too_far": 1})):
+        log, out = tmp_path / f"{metres:g}.npz", tmp_path / f"{metres:g}.zarr"
+        np.savez(log, beams=np.concatenate([beams, [[metres, 0.0, 0.0, 1.0]]]), **rest)
+        said = run("build", log, *FULL, "-o", out, "--json").json
+        assert said["skipped"] == skipped
+        assert said["beams"] == 720 + (not skipped)
+        filtered = run("build", log, "--resolution", 0.1, "-o", tmp_path / "f.zarr", "--force",
+                       "--json").json  # fmt: skip
+        assert (filtered["skipped"], filtered["beams"]) == (skipped, said["beams"])
+        _, hi = load_full_map(out).bounds() or (np.zeros(2), np.zeros(2))
+        assert (hi[0] > 1e9) == (not skipped)
+        scored = run("score", out, log, "--json").json
+        assert (scored["skipped"], scored["beams"]) == (skipped, said["beams"])
 
 
 def test_a_log_of_grids_is_refused(run: Run, tmp_path: Path) -> None:
@@ -222,6 +275,21 @@ def test_info(run: Run, flat_map: Path, space_map: Path) -> None:
     assert facts["config"]["full_map"]["sweeps"] == 40
     assert set(facts) > {"x [m]", "y [m]"}
     assert "z [m]" in run("info", space_map, "--json").json
+
+
+def test_info_has_the_prior_that_the_dimension_chose(
+    run: Run, sonar: Path, flat_map: Path, space_map: Path, tmp_path: Path
+) -> None:
+    for path, prior, coupling in ((flat_map, 0.475, 0.8), (space_map, 0.1, 0.4)):
+        (entry,) = run("info", path, "--json").json["made from"]
+        assert (entry["prior"], entry["coupling"]) == (prior, coupling)
+        lines = [line.strip() for line in run("info", path).out.splitlines()]
+        assert f"prior {prior}" in lines
+        assert f"coupling {coupling}" in lines
+    own = tmp_path / "own.zarr"
+    run("build", sonar, *FULL, "--set", "full_map.prior=0.3", "-o", own)
+    (entry,) = run("info", own, "--json").json["made from"]
+    assert (entry["prior"], entry["coupling"]) == (0.3, 0.8)
 
 
 def test_export_of_the_plane(run: Run, flat_map: Path, tmp_path: Path) -> None:

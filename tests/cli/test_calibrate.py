@@ -53,6 +53,25 @@ def test_words(run: Run, sonar: Path, tmp_path: Path) -> None:
     )
 
 
+def test_a_log_without_no_returns(run: Run, sonar: Path, tmp_path: Path) -> None:
+    toml, bare = tmp_path / "sensor.toml", tmp_path / "bare.npz"
+    with np.load(sonar) as arrays:
+        beams, said = arrays["beams"], {k: v for k, v in arrays.items() if k != "beams"}
+    np.savez(bare, beams=beams[beams[:, 3] < 2.5], **said)
+    words = ("calibrate", bare, "--resolution", CELL, "--noise-only", "-o", toml)
+    note = "the log has no no-returns: p_dropout cannot be told from it; kept at 0.05"
+    done = run(*words)
+    assert done.status == 0
+    assert f"{bare}: {note}\n" in done.out
+    assert tomllib.loads(toml.read_text())["sensor"]["p_dropout"] == 0.05
+    done = run(*words, "--force", "--json")
+    assert done.json["notes"] == [note]
+    assert set(done.json["parameters"]) == {"p_random", "sigma"}
+    assert f"{bare}: {note}\n" in done.err
+    done = run("calibrate", sonar, *words[2:], "--force", "--json")
+    assert (done.json["notes"], done.err) == ([], "")
+
+
 def test_wrong_words(run: Run, sonar: Path, office: Path, tmp_path: Path) -> None:
     toml = tmp_path / "s.toml"
     assert run("calibrate", sonar, "-o", toml).status == 2

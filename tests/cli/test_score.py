@@ -121,6 +121,41 @@ def test_a_second_log_needs_no_hold_out(
     assert "no scan of second.npz held out; build it with --hold-out 0.1" in line
 
 
+def test_a_log_of_another_sensor_is_said(
+    run: Run, sonar: Path, office: Path, evidence: Path, tmp_path: Path
+) -> None:
+    lidar, wider = tmp_path / "lidar.zarr", tmp_path / "wider.npz"
+    near, bare = tmp_path / "near.npz", tmp_path / "bare.npz"
+    assert run("build", office, "--resolution", 0.2, "-o", lidar).status == 0
+    with np.load(sonar) as arrays:
+        np.savez(wider, **{**arrays, "cone_deg": 60.0})
+        np.savez(near, **{**arrays, "cone_deg": 28.0})
+        np.savez(bare, **{name: value for name, value in arrays.items() if name != "cone_deg"})
+    cases = (
+        (lidar, sonar, "25 degrees wide (sensor.kind cone)", "narrow (sensor.kind beam)"),
+        (evidence, bare, "narrow (sensor.kind beam)", "25 degrees wide (sensor.kind cone)"),
+        (evidence, wider, "60 degrees wide (sensor.kind cone)", "25 degrees wide (sensor.kind c"),
+    )
+    for grid, log, theirs, ours in cases:
+        for flags in ((), ("--json",)):
+            done = run("score", grid, log, *flags)
+            assert done.status == 0
+            assert done.err.count("\n") == 1
+            assert done.err.startswith(f"{log}: by what it says of its sensor its beams are ")
+            assert f"its beams are {theirs}, those of the map's sensor are {ours}" in done.err
+    # Nothing to say: what was asked for, and a width that calibration might have found.
+    assert run("score", evidence, near).err == ""
+    assert run("score", lidar, sonar, "--set", "sensor.kind=cone").err == ""
+    assert run("score", lidar, sonar, "--set", "sensor.kind=beam").err == ""
+    assert run("score", evidence, wider, "--set", "sensor.cone_deg=25").err == ""
+    assert run("score", evidence, wider, "--set", "sensor.cone_deg=60").err == ""
+    # The map was made of this log, in the way that somebody chose.
+    axes = tmp_path / "axes.zarr"
+    words = ("--set", "sensor.kind=beam", "--hold-out", 0.1, "-o", axes)
+    assert run("build", sonar, "--resolution", CELL, *words).status == 0
+    assert run("score", axes, sonar, "--held-out").err == ""
+
+
 def test_narrow_beams(run: Run, office: Path, tmp_path: Path) -> None:
     out = tmp_path / "m.zarr"
     assert run("build", office, "--resolution", 0.2, "--hold-out", 0.25, "-o", out).status == 0

@@ -14,9 +14,11 @@ import pytest
 from oddsmap.config import Config, MapConfig
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.poses import Pose2, Pose3
-from oddsmap.posterior.full_map import rows
+from oddsmap.posterior.full_map import field, rows
 from oddsmap.posterior.full_map.estimator import FullMapEstimator, build_full_map
+from oddsmap.posterior.full_map.readings import usable_beams
 from oddsmap.posterior.full_map.settings import FullMapConfig
+from oddsmap.posterior.full_map.store import load_full_map
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.probability_map import State
 from oddsmap.scan import Scan
@@ -28,6 +30,7 @@ from oddsmap.sensors.overhead import OverheadSensor
 from tests.posterior.full_map_kit import (
     RESOLUTION,
     SONAR,
+    TOF,
     beam,
     estimated,
     moved,
@@ -346,10 +349,85 @@ def test_scans_that_will_not_do(scans: list[Scan], message: str) -> None:
 
 
 def test_poses_out_of_this_world() -> None:
-    said = refused(lambda: estimated([beam(1e30, 0.0, 0.0, 1.0)]), MapTooLargeError)
-    assert "a pose is 1e+30 m from the map's origin" in said
-    there_and_here = [beam(1e12, 0.0, 0.0, 1.0), beam(0.0, 0.0, 0.0, 1.0)]
-    assert "the beams span" in refused(lambda: estimated(there_and_here), MapTooLargeError)
+    """From 2^45 cells on they are skipped, as by the filter; nearer ones are mapped there."""
+    said = refused(lambda: estimated([beam(1e30, 0.0, 0.0, 1.0)]), InputError)
+    assert "no usable scan (1 x scan.pose_too_far)" in said
+    scans = room(10)
+    here = estimated(scans, schedule="sequential")
+    with_one = estimated(
+        [*scans[:4], beam(0.0, -1e30, 0.0, 1.0), *scans[4:]], schedule="sequential"
+    )
+    assert same(here, with_one)
+    assert with_one.report is not None
+    assert with_one.report.skipped == {"scan.pose_too_far": 1}
+    assert (with_one.report.scans, with_one.report.beams) == (10, 120)
+    limit = 2.0**45 * RESOLUTION
+    for x, skipped in ((limit, 1), (-limit, 1), (0.9 * limit, 0)):
+        report = estimated([*scans[:1], beam(x, 0.0, 0.0, 1.0)], sweeps=1).report
+        assert report is not None
+        assert (report.skipped["scan.pose_too_far"], report.scans) == (skipped, 2 - skipped)
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_an_island_changes_nothing_here(space: bool, tmp_path: Any) -> None:
+    """One scan 10^9 m away, in the middle of a log: beams that share no cell do not meet."""
+    scans = wall_of_space(2.0, 8) if space else room(8)
+    d = 3 if space else 2
+    pose = Pose3(np.eye(3), np.full(3, 1e9 + 0.05)) if space else Pose2(1e9, -1e9, 0.0)
+    island = Scan(pose, np.eye(d)[:1], np.array([1.0]))
+    here = estimated(scans, schedule="parallel", sweeps=5, tolerance=0.0)
+    both = estimated([*scans[:4], island, *scans[4:]], schedule="parallel", sweeps=5, tolerance=0.0)
+    assert both.report is not None
+    assert (both.report.scans, +both.report.skipped) == (9, {})
+    box = here.bounds()
+    assert box is not None
+    np.testing.assert_array_equal(both.log_odds(box), here.log_odds(box))
+    np.testing.assert_array_equal(both.marks_of(box), here.marks_of(box))
+    alone = estimated([island], schedule="parallel", sweeps=5, tolerance=0.0)
+    there = alone.bounds()
+    assert there is not None
+    np.testing.assert_array_equal(both.log_odds(there), alone.log_odds(there))
+    assert both.observed(there).any()
+    both.save(tmp_path / "a.zarr")
+    again = load_full_map(tmp_path / "a.zarr")
+    np.testing.assert_array_equal(again.log_odds(there), alone.log_odds(there))
+    assert again.cell_count == both.cell_count
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_many_small_windows_list_what_one_lists(
+    monkeypatch: pytest.MonkeyPatch, space: bool
+) -> None:
+    scans = wall_of_space(2.0, 8) if space else room(8)
+    sensor = TOF if space else SONAR
+    beams, _, _ = usable_beams(scans, sensor, RESOLUTION)
+
+    def listed() -> tuple[int, Any, Any]:
+        grid = field.CellField(beams.ndim, 0)
+        count = len(list(field.windows_of(grid, beams.origins / RESOLUTION, 45.0)))
+        found = rows.list_rows(grid, beams, sensor.forward_model(), RESOLUTION)
+        return count, found, grid.index(found.cells)
+
+    one, whole, cells = listed()
+    first = estimated(scans, sweeps=3)
+    grid = field.CellField(beams.ndim, 0)
+    poses = np.unique(beams.origins / RESOLUTION, axis=0)
+    alone = [next(field.windows_of(grid, pose[None], 45.0))[1].shape for pose in poses]
+    largest = max(int(np.prod(shape // grid.side)) for shape in alone)
+    monkeypatch.setattr(field, "_MOST_BLOCKS", largest)
+    many, parts, again = listed()
+    assert one == 1 < many <= len(poses)
+    np.testing.assert_array_equal(again, cells)
+    for name in ("readings", "offsets", "bins", "fractions"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
+    assert same(first, estimated(scans, sweeps=3))
+
+
+def test_one_beam_too_long_for_a_window() -> None:
+    sensor = ConeSensor(cone_deg=5.0, range_max=1500.0)
+    lone = Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3)[:1], np.array([np.inf]))
+    said = refused(lambda: build_full_map([lone] * 2, 0.1, sensor=sensor), MapTooLargeError)
+    assert "the beams span" in said
 
 
 def test_memory_that_would_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -224,6 +224,25 @@ def test_scans_without_information_are_counted() -> None:
     assert estimator.view().provenance[0]["estimator"] == "full-map-online"
 
 
+def test_a_pose_too_far_is_counted_and_the_prior_is_noted() -> None:
+    ways = np.array([[1.0, 0.0]])
+    lost, island, here = (
+        Scan(Pose2(x, 0.05, 0.0), ways, np.array([1.0])) for x in (1e30, 1e9, 0.05)
+    )
+    for prior, coupling in ((None, None), (0.3, 0.5)):
+        settings = FullMapConfig(prior=prior, coupling=coupling)
+        grid = OnlineFullMap(
+            Config(map=MapConfig(resolution=RESOLUTION), sensor=SENSOR, full_map=settings)
+        )
+        report = grid.add_scans([lost, here, island])
+        assert (report.scans, report.skipped) == (2, {"scan.pose_too_far": 1})
+        view = grid.view()
+        noted = (view.provenance[0]["prior"], view.provenance[0]["coupling"])
+        assert noted == (prior or 0.475, coupling or 0.8)
+        far = round(1e9 / RESOLUTION)
+        assert view.observed(((far, 0), (far + 8, 1))).any()
+
+
 def test_nothing_at_all() -> None:
     with pytest.raises(InputError, match="there are none"):
         OnlineFullMap(config()).view()

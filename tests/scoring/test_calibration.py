@@ -131,17 +131,59 @@ def test_narrow_beams_have_no_width() -> None:
     assert abs(found.values["p_dropout"] - 0.04) < 0.02
 
 
-def test_what_never_happens_stays_possible() -> None:
-    """A sensor without dropouts: the rate stays above 0, at its bound, without an error."""
-    model = dataclasses.replace(TRUE, p_dropout=0.0, detection=1.0).forward_model()
-    scans = [
+def without_no_returns(scans: list[Scan]) -> list[Scan]:
+    return [
         dataclasses.replace(scan, ranges=np.where(np.isfinite(scan.ranges), scan.ranges, np.nan))
-        for scan in drawn(model, 20)
+        for scan in scans
     ]
-    found = calibrate(scans, CELL, sensor=START, noise_only=True)
+
+
+def test_what_never_happens_stays_possible() -> None:
+    """No-returns of open space alone: the rate stays above 0, at its bound, without an error."""
+    model = dataclasses.replace(TRUE, p_dropout=0.0, detection=1.0).forward_model()
+    scans = without_no_returns(drawn(model, 20))
+    outdoors = Scan(Pose2(500.0, 500.0, 0.0), np.array([[1.0, 0.0]]), np.array([np.inf]))
+    found = calibrate(
+        [*scans, outdoors], CELL, sensor=START, noise_only=True, settings=FullMapConfig(prior=0.1)
+    )
     assert found.values["p_dropout"] == 1e-4
     assert math.isnan(found.errors["p_dropout"])
     assert "p_dropout = 0.0001  # at its bound" in found.to_toml()
+    assert found.notes == ()
+
+
+@pytest.mark.parametrize("kept", [0.02, 0.3])
+def test_without_no_returns_nothing_is_said_of_dropouts(kept: float) -> None:
+    scans = without_no_returns(drawn(TRUE.forward_model(), 40))
+    start = dataclasses.replace(START, p_dropout=kept)
+    found = calibrate(scans, CELL, sensor=start, noise_only=True)
+    assert found.sensor.p_dropout == kept
+    assert set(found.values) == set(found.errors) == {"p_random", "sigma"}
+    assert f"p_dropout = {kept}  # as it was" in found.to_toml()
+    assert found.notes == (
+        f"the log has no no-returns: p_dropout cannot be told from it; kept at {kept}",
+    )
+    assert found.converged
+    # Of the readings that came back 0.12 / 0.92 are random.
+    share = found.values["p_random"] / (1.0 - kept)
+    assert abs(share - 0.12 / 0.92) < 4.0 * found.errors["p_random"] / (1.0 - kept)
+
+
+def test_no_returns_that_do_not_count_are_named() -> None:
+    model = BeamSensor(range_max=2.5, sigma=0.02, p_dropout=0.04).forward_model()
+    scans = [
+        dataclasses.replace(scan, ranges=np.minimum(scan.ranges, 2.5)) for scan in drawn(model, 10)
+    ]
+    start = BeamSensor(range_max=2.5, sigma=0.02)
+    found = calibrate(scans, CELL, sensor=start, noise_only=True)
+    lost = found.skipped["beam.no_return"]
+    assert lost > 0
+    assert found.notes == (
+        f"no no-return counts ({lost} are skipped; sensor.clear_range lets them count): p_dropout "
+        "cannot be told from it; kept at 0.02",
+    )
+    clearing = dataclasses.replace(start, clear_range=2.5)
+    assert calibrate(scans, CELL, sensor=clearing, noise_only=True).notes == ()
 
 
 def test_threads_change_no_bit() -> None:

@@ -13,6 +13,7 @@ import typer
 from oddsmap.cli.settings import (
     SENSORS,
     Layer,
+    check_estimator,
     check_width,
     cores,
     doubts,
@@ -147,6 +148,7 @@ def build(
     if sensor is not None:
         flags["sensor"]["kind"] = SENSORS[sensor]
     layers = setting_layers(config, flags, settings or [])
+    check_estimator(layers, estimator)
     if not any("resolution" in values.get("map", {}) for _, values in layers):
         raise typer.BadParameter("a map needs one, in metres", param_hint="--resolution")
 

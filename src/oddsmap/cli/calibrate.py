@@ -118,6 +118,8 @@ def calibrate(
         )
     with atomic_output(output, force=force) as part:
         part.write_text(f"# From {log.name}, by oddsmap calibrate.\n{found.to_toml()}", "utf-8")
+    for note in found.notes:
+        typer.echo(f"{log}: {note}", err=as_json)
     if as_json:
         typer.echo(json.dumps({"log": str(log), "output": str(output), **_facts(found)}))
     else:
@@ -150,6 +152,7 @@ def _facts(found: Calibration) -> dict[str, Any]:
         "log_likelihood": found.log_likelihood,
         "updates": found.updates,
         "converged": found.converged,
+        "notes": list(found.notes),
     }
 
 

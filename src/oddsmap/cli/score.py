@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.settings import read_camera, read_extrinsics, setting_layers
+from oddsmap.cli.settings import Layers, read_camera, read_extrinsics, setting_layers
 
 if TYPE_CHECKING:
     from oddsmap.config import Config
     from oddsmap.posterior.belief import Belief
     from oddsmap.scan import Log
     from oddsmap.scoring.held_out import LogScores
+    from oddsmap.sensors.kinds import Sensor
 
 __all__ = ["HELP", "score"]
 
@@ -29,6 +30,9 @@ HELP = """Score a map by readings that it has not seen: no ground truth is neede
 
 Each reading is predicted from the map under the forward sensor model: by default the map's own.
 """
+
+# Calibration may find another width than a log writes of its sensor; it is no such factor.
+_ANOTHER_WIDTH = 1.5
 
 
 def score(
@@ -94,7 +98,8 @@ def score(
     )
     every = _held_out_of(provenance, grid, log) if held_out else None
     part = whole if every is None else hold_out(whole, every)[1]
-    sensor = _settled(stored, whole, config, settings or []).sensor
+    layers = setting_layers(config, {}, settings or [])
+    sensor = _settled(stored, whole, layers).sensor
     scores = score_map(belief, part, sensor)
     facts = {"map": str(grid), "log": str(log), "held_out_every": every, **_facts(scores)}
     if plot is not None:
@@ -104,6 +109,9 @@ def score(
             scores.reliability, plot, title=f"{grid.name}, {scores.beams:,} beams", force=force
         )
     known = any(entry.get("source") == log.name for entry in provenance)
+    doubt = None if known else _of_another_sensor(whole, sensor, layers)
+    if doubt is not None:
+        typer.echo(f"{log}: {doubt}", err=True)
     if known and not held_out:
         typer.echo(
             f"{log}: the map was made from this log: scores are too good (build with --hold-out "
@@ -141,12 +149,34 @@ def _held_out_of(provenance: list[dict[str, Any]], grid: Path, log: Path) -> int
     return int(kept.pop())
 
 
-def _settled(stored: Config, log: Log, config: Path | None, settings: list[str]) -> Config:
+def _of_another_sensor(log: Log, sensor: Sensor, layers: Layers) -> str | None:
+    """What to say where a log's beams are not as wide as they are predicted, and nobody asked."""
+    from oddsmap.integrate import said_of_sensor
+
+    asked = {name for _, values in layers for name in values.get("sensor", {})}
+    said = said_of_sensor(log)
+    theirs, ours = said.get("cone_deg", 0.0), getattr(sensor, "cone_deg", 0.0)
+    if said["kind"] == sensor.kind:
+        narrow, wide = sorted((theirs, ours))
+        if "cone_deg" in asked or wide <= _ANOTHER_WIDTH * narrow:
+            return None
+    elif "kind" in asked:
+        return None
+    words = [
+        f"{width:g} degrees wide (sensor.kind {kind})" if width else f"narrow (sensor.kind {kind})"
+        for kind, width in ((said["kind"], theirs), (sensor.kind, ours))
+    ]
+    return (
+        f"by what it says of its sensor its beams are {words[0]}, those of the map's sensor are "
+        f"{words[1]}: they were scored as the latter (--set sensor.kind, sensor.cone_deg)"
+    )
+
+
+def _settled(stored: Config, log: Log, layers: Layers) -> Config:
     """The map's configuration, with what the user says of the sensor."""
     from oddsmap.config import resolve
     from oddsmap.integrate import said_of_sensor
 
-    layers = setting_layers(config, {}, settings)
     kinds = [values["sensor"]["kind"] for _, values in layers if "kind" in values.get("sensor", {})]
     base = stored.to_dict()
     if kinds and kinds[-1] != stored.sensor.kind:

@@ -18,6 +18,7 @@ __all__ = [
     "SENSORS",
     "Layer",
     "Layers",
+    "check_estimator",
     "check_width",
     "cores",
     "doubts",
@@ -143,6 +144,30 @@ def setting_layers(config: Path | None, flags: Layer, settings: list[str]) -> La
         section, name, value = parse_setting(text)
         layers.append((f"--set {text}", {section: {name: value}}))
     return layers
+
+
+def check_estimator(layers: Layers, estimator: str) -> None:
+    """Refuse settings that the estimator would not look at.
+
+    Raises:
+        ConfigError: a field of full_map is set for the filter, or posterior.prior for a full map.
+    """
+    from oddsmap.errors import ConfigError
+
+    for where, values in layers:
+        of_full_map = list(values.get("full_map", {}))
+        if estimator == "filter" and of_full_map:
+            name = of_full_map[0]
+            rest = "set posterior.prior for the filter" if name == "prior" else "leave it out"
+            raise ConfigError(
+                f"{where}: full_map.{name} belongs to --estimator full-map, the filter would not "
+                f"look at it: {rest}, or add --estimator full-map"
+            )
+        if estimator == "full-map" and "prior" in values.get("posterior", {}):
+            raise ConfigError(
+                f"{where}: posterior.prior belongs to --estimator filter, a full map would not "
+                "look at it: set full_map.prior"
+            )
 
 
 def cores() -> int:

@@ -45,7 +45,7 @@ class Calibration:
 
     Args:
         sensor: with the parameters found.
-        errors: standard error of each parameter: 1 / sqrt(second derivative of minus the log
+        errors: standard error of each parameter found: 1 / sqrt(second derivative of minus the log
             likelihood), each by itself, the others held; NaN for one at its bound.
         edge: how abruptly echoes set in at the edge of the cone: an occupied cell with a fraction
             f of its width inside echoes with detection * min(1, edge * f). A nuisance: found so
@@ -57,6 +57,7 @@ class Calibration:
         scans: how many were used.
         beams: how many readings.
         skipped: scans and beams that carry no information, by reason.
+        notes: what the log could not tell.
     """
 
     sensor: BeamSensor | ConeSensor
@@ -68,6 +69,7 @@ class Calibration:
     scans: int
     beams: int
     skipped: Counter[str]
+    notes: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -150,7 +152,7 @@ def calibrate(
     scans = list(log)
     if not scans:
         raise InputError("the scans: no usable scan (there are none); nothing to calibrate with")
-    beams, scan_count, skipped = usable_beams(scans, sensor)
+    beams, scan_count, skipped = usable_beams(scans, sensor, float(resolution))
     model = dataclasses.replace(
         sensor.forward_model(), bin_width=float(resolution) / _BINS_PER_CELL
     )
@@ -188,4 +190,13 @@ def calibrate(
         scans=scan_count,
         beams=len(beams),
         skipped=skipped + Counter(getattr(log, "skipped", {})),
+        notes=() if work.no_returns.any() else (_no_dropouts(model.p_dropout, skipped),),
     )
+
+
+def _no_dropouts(kept: float, skipped: Counter[str]) -> str:
+    lost = skipped["beam.no_return"]
+    what = "the log has no no-returns"
+    if lost:
+        what = f"no no-return counts ({lost:,} are skipped; sensor.clear_range lets them count)"
+    return f"{what}: p_dropout cannot be told from it; kept at {kept:g}"

@@ -63,9 +63,13 @@ class Fit:
         self.work.settle(self.model, self.edge, _SWEEPS)
 
     def renew_noise(self) -> None:
-        """Expectation maximisation, the map following the parameters."""
+        """Expectation maximisation, the map following the parameters.
+
+        p_dropout stays as it is where there is no no-return to tell it from.
+        """
         from oddsmap.kernels.causes import DROPOUT, LIKELIHOOD, RANDOM, SQUARES
 
+        some_lost = bool(self.work.no_returns.any())
         for _ in range(self.most_updates):
             found = self.work.causes(self.model)
             # What no-returns are not by dropout was an echo out of reach, and says nothing of the
@@ -73,10 +77,17 @@ class Fit:
             true = np.where(self.work.no_returns, 0.0, 1.0 - found[:, RANDOM])
             old, model = self.model, self.model
             sigma = math.sqrt(found[:, SQUARES].sum() / true.sum())
+            # Without any no-return the log says nothing of dropouts: p_random is then a share of
+            # the rest.
+            p_random, p_dropout = float(found[:, RANDOM].mean()), model.p_dropout
+            if some_lost:
+                p_dropout = max(float(found[:, DROPOUT].mean()), _LEAST_RATE)
+            else:
+                p_random *= 1.0 - p_dropout
             self.model = dataclasses.replace(
                 model,
-                p_random=max(float(found[:, RANDOM].mean()), _LEAST_RATE),
-                p_dropout=max(float(found[:, DROPOUT].mean()), _LEAST_RATE),
+                p_random=max(p_random, _LEAST_RATE),
+                p_dropout=p_dropout,
                 sigma=max(sigma, float(model.bin_width or 0.0) / 2.0),
             )
             self.updates += 1
@@ -131,10 +142,12 @@ class Fit:
         self._say("detection", peak.value / self.beams)
 
     def noise_errors(self) -> dict[str, float]:
-        """Standard errors of the noise's parameters, the map held."""
+        """Standard errors of the noise's parameters that were renewed, the map held."""
         best = self.work.log_likelihood(self.model)
         errors = {}
         for name in NOISE:
+            if name == "p_dropout" and not self.work.no_returns.any():
+                continue
             value = getattr(self.model, name)
             step = 0.05 * value
             if step < 1e-5 or value <= _LEAST_RATE:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.posterior.belief import Belief
+from oddsmap.posterior.full_map.field import Window
 from oddsmap.posterior.full_map.readings import usable_beams
 from oddsmap.scan import Log
 from oddsmap.scoring.marginals import Marginals
@@ -115,7 +116,7 @@ def score_map(
     skipped: Counter[str] = Counter()
     done = scan_count = 0
     for batch in _batches(log):
-        beams, scans, reasons = usable_beams(batch, sensor)
+        beams, scans, reasons = usable_beams(batch, sensor, belief.resolution)
         skipped += reasons
         if len(beams):
             tally.add(beams)
@@ -177,28 +178,31 @@ class _Tally:
         self.marginals = Marginals(self.belief)
 
     def add(self, beams: Beams) -> None:
-        from oddsmap.kernels.first_echo import first_echoes
-        from oddsmap.kernels.hazards import tally_hazards
-
         if beams.ndim != self.belief.ndim:
             places = {2: "the plane", 3: "space"}
             raise InputError(
                 f"the scans are of {places[beams.ndim]}, the map is of {places[self.belief.ndim]}"
             )
-        model, side = self.model, self.belief.resolution
-        noise, detection = model.noise(side), np.array([model.detection])
+        side = self.belief.resolution
         # The last step that is predicted ends up to a step behind the reading, and noise may
         # bring the reading there from six sigma further off.
-        ahead = Beams(beams.origins, beams.directions, beams.ranges + side + model.sigma)
-        far = np.max(model.reach(ahead.ranges)) / side + 2.0
-        window = self.marginals.window(
-            np.floor(beams.origins.min(axis=0) / side - far).astype(np.int64),
-            np.ceil(beams.origins.max(axis=0) / side + far).astype(np.int64),
-        )
+        ahead = beams.ranges + side + self.model.sigma
+        far = float(np.max(self.model.reach(ahead))) / side + 2.0
+        for run, window in self.marginals.windows(beams.origins / side, far):
+            some = Beams(beams.origins[run], beams.directions[run], ahead[run])
+            self._add(window, some, beams.ranges[run])
+
+    def _add(self, window: Window, ahead: Beams, ranges: FloatArray) -> None:
+        """Sum up beams in a window: listed as far as `ahead` says, with other readings."""
+        from oddsmap.kernels.first_echo import first_echoes
+        from oddsmap.kernels.hazards import tally_hazards
+
+        model, side = self.model, self.belief.resolution
+        noise, detection = model.noise(side), np.array([model.detection])
         shape = tuple(int(n) for n in window.shape[::-1])
         for part, listed in model.cells(ahead, side, window.lo, shape):
             cells = self.marginals.number(window, listed)
-            z = beams.ranges[part]
+            z = ranges[part]
             rows = (listed.offsets, cells, listed.bins, listed.fractions)
             self.map += self._logs(z, *rows, self.marginals.probability)
             self.prior += self._logs(z, *rows, self.marginals.prior)

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.posterior.belief import Belief, sigmoid
-from oddsmap.posterior.full_map.field import CellField, Window
+from oddsmap.posterior.full_map.field import CellField, Window, windows_of
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.sensors.cone_beams import BeamCells
@@ -48,9 +50,9 @@ class Marginals:
         self.probability: FloatArray = np.empty(0)
         self.prior: FloatArray = np.empty(0)
 
-    def window(self, lo: IntArray, hi: IntArray) -> Window:
-        """A box of cells, in whole blocks, in which beams' cells are listed."""
-        return Window(self._field, lo, hi)
+    def windows(self, origins: FloatArray, reach: float) -> Iterator[tuple[slice, Window]]:
+        """Boxes of cells in which beams' cells are listed, see `windows_of`."""
+        return windows_of(self._field, origins, reach)
 
     def number(self, window: Window, listed: BeamCells) -> npt.NDArray[np.int32]:
         """Numbers of cells listed in a window; `probability` and `prior` grow to hold them."""

@@ -86,7 +86,7 @@ class BeamCollector:
         if not self._scans:
             raise InputError("the scans: no usable scan (there are none); nothing to map")
         self.report = dataclasses.replace(self._read, skipped=Counter(self._read.skipped))
-        beams, scan_count, skipped = usable_beams(self._scans, self._sensor)
+        beams, scan_count, skipped = usable_beams(self._scans, self._sensor, self._resolution)
         self.report.add(scan_count, len(beams), skipped)
         if scan_count == 0:
             reasons = ", ".join(f"{n} x {why}" for why, n in self.report.skipped.most_common())

@@ -132,7 +132,8 @@ class FullMapEstimator:
             residual=residual,
         )
         full_map.report = self.report
-        full_map.provenance = list(self._beams.provenance)
+        chosen = self.config.full_map.values_in(field.ndim)
+        full_map.provenance = [{**entry, **chosen} for entry in self._beams.provenance]
         return full_map
 
     def sample(

@@ -7,6 +7,7 @@ block after block, x fastest within a block.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,9 @@ import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
 
-__all__ = ["CellField", "Window"]
+__all__ = ["CellField", "Window", "windows_of"]
 
+FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 # The same as an evidence map's tiles.
@@ -205,3 +207,34 @@ class Window:
         numbers = np.empty(len(places), np.int32)
         number_cells(*shape, numbers)
         return numbers
+
+
+def windows_of(
+    field: CellField, origins: FloatArray, reach: float
+) -> Iterator[tuple[slice, Window]]:
+    """The windows that some beams need: a single one, but where a pose is far from the others.
+
+    One pose that is off by thousands of kilometres would stretch a window over nothing.
+
+    Args:
+        field: whose blocks the cells are of.
+        origins: where each beam starts [cells], shape (n, d), n > 0, x first.
+        reach: how far beams go, at most [cells].
+
+    Yields:
+        Beams, in order, and their window.
+
+    Raises:
+        MapTooLargeError: the window of one pose has too many blocks.
+    """
+    pending = [slice(0, len(origins))]
+    while pending:
+        run = pending.pop()
+        least, most = origins[run].min(axis=0), origins[run].max(axis=0)
+        lo, hi = np.floor(least - reach), np.ceil(most + reach)
+        blocks = np.prod(np.ceil(hi / field.side) - np.floor(lo / field.side))
+        if blocks > _MOST_BLOCKS and (least < most).any():
+            middle = (run.start + run.stop) // 2
+            pending += [slice(middle, run.stop), slice(run.start, middle)]
+        else:
+            yield run, Window(field, lo.astype(np.int64), hi.astype(np.int64))

@@ -188,6 +188,7 @@ class OnlineFullMap:
                 "estimator": "full-map-online",
                 "window": self._window,
                 "prior_every": self._prior_every,
+                **self.config.full_map.values_in(field.ndim),
             }
         ]
         return full_map
@@ -195,7 +196,7 @@ class OnlineFullMap:
     def _add(self, scan: Measurement) -> tuple[int, int, Counter[str]]:
         from oddsmap.posterior.full_map.rows import list_rows
 
-        beams, used, skipped = usable_beams([scan], self._sensor)
+        beams, used, skipped = usable_beams([scan], self._sensor, self.config.map.resolution)
         if used == 0:
             return 0, 0, skipped
         field = self._field_for(beams)

@@ -18,6 +18,9 @@ from oddsmap.sensors.segments import ranges_of
 
 __all__ = ["ranging_sensor", "usable_beams"]
 
+# Beyond this many cells from the map's origin no precision is left within a cell.
+_MAX_COORDINATE = float(1 << 45)
+
 # Settings of the filter that would change which readings count, and how much.
 _OF_THE_FILTER = {
     "map": ("half_life", "path_lengths"),
@@ -50,13 +53,21 @@ def ranging_sensor(config: Config) -> BeamSensor | ConeSensor:
 
 
 def usable_beams(
-    scans: Sequence[Measurement], sensor: BeamSensor | ConeSensor
+    scans: Sequence[Measurement],
+    sensor: BeamSensor | ConeSensor,
+    resolution: float = np.inf,
 ) -> tuple[Beams, int, Counter[str]]:
     """The beams of some scans that carry information.
 
     +Inf is a no-return. So is a finite reading of a cone at or above range_max: should it be a
     fault, `p_dropout` is there for it. A narrow beam's reaches past all that was ever seen there,
     and counts only where `clear_range` is set, whatever its length, as in the filter.
+
+    Args:
+        scans: measurements of one dimension; depth images are taken as beams.
+        sensor: says which readings count.
+        resolution: side of a cell [m]: a scan is skipped where its pose is 2^45 cells or more from
+            the map's origin; by default none is.
 
     Returns:
         Beams, of finite range or +Inf; how many scans have any; what was skipped, by reason.
@@ -66,20 +77,24 @@ def usable_beams(
     """
     taken = ranges_of(scans)
     beams, skipped = Beams.from_scans(taken)
+    limit = _MAX_COORDINATE * resolution
+    here = np.abs(beams.origins).max(axis=1, initial=0.0) < limit
     z = beams.ranges
     range_max = np.inf if sensor.range_max is None else sensor.range_max
-    nothing = np.isnan(z)
-    below = ~nothing & (z < sensor.range_min)
-    over = np.isfinite(z) & (z >= range_max)
+    nothing = here & np.isnan(z)
+    below = here & (z < sensor.range_min)
+    over = here & np.isfinite(z) & (z >= range_max)
     taken_for_no_return = isinstance(sensor, ConeSensor) or sensor.clear_range is not None
     lost = np.zeros_like(over) if taken_for_no_return else over
-    used = ~(nothing | below | lost)
+    used = here & ~(nothing | below | lost)
     skipped["beam.nan"] = int(np.count_nonzero(nothing))
     skipped["beam.below_range_min"] = int(np.count_nonzero(below))
     skipped["beam.no_return"] = int(np.count_nonzero(lost))
     finite = [scan for scan in taken if scan.map_from_sensor.is_finite]
     whose = np.repeat(np.arange(len(finite)), [scan.size for scan in finite])
     scan_count = len(np.unique(whose[used]))
-    skipped["scan.empty"] = len(finite) - scan_count
+    near = sum(bool(np.abs(s.map_from_sensor.translation).max() < limit) for s in finite)
+    skipped["scan.pose_too_far"] = len(finite) - near
+    skipped["scan.empty"] = near - scan_count
     kept = Beams(beams.origins[used], beams.directions[used], np.where(over, np.inf, z)[used])
     return kept, scan_count, +skipped

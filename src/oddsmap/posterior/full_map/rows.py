@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
 from oddsmap.kernels.beam_factor import BeamRows
-from oddsmap.posterior.full_map.field import CellField, Window
+from oddsmap.posterior.full_map.field import CellField, windows_of
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.forward import ForwardModel
 from oddsmap.tiles import memory_limit
@@ -28,37 +28,25 @@ _LEAST_FRACTION = 0.5
 _SIGMAS_BEHIND = 2.0
 _LEAST_CHANCE = 0.1
 
-# Beyond this many cells from the map's origin no precision is left within a cell.
-_MAX_COORDINATE = float(1 << 45)
-
 
 def list_rows(field: CellField, beams: Beams, model: ForwardModel, resolution: float) -> BeamRows:
     """List the cells of beams and number them.
 
     Args:
         field: takes the cells' blocks.
-        beams: those that carry information; their readings are finite or +Inf.
+        beams: those that carry information; their readings are finite or +Inf, and their poses
+            less than 2^45 cells from the map's origin (see `usable_beams`).
         model: what the sensor is.
         resolution: side of a cell [m].
 
     Raises:
-        MapTooLargeError: memory would not hold them, or a pose is beyond all precision.
+        MapTooLargeError: memory would not hold them, or a beam is too long.
     """
     if len(beams) == 0:
         return BeamRows(
             np.empty(0), np.zeros(1, np.int64), np.empty(0, np.int32), np.empty(0, np.uint16),
             np.empty(0, np.float32),
         )  # fmt: skip
-    far = np.max(model.reach(beams.ranges)) / resolution + 2.0
-    farthest = float(np.abs(beams.origins).max())
-    if farthest + far * resolution > _MAX_COORDINATE * resolution:
-        raise MapTooLargeError(
-            f"a pose is {farthest:.3g} m from the map's origin: there no precision is left within "
-            f"cells of {resolution:g} m; mend the poses, or move them all towards the origin"
-        )
-    lo = np.floor(beams.origins.min(axis=0) / resolution - far).astype(np.int64)
-    hi = np.ceil(beams.origins.max(axis=0) / resolution + far).astype(np.int64)
-    window = Window(field, lo, hi)
     if model.bin_count(resolution) > np.iinfo(np.uint16).max:
         raise MapTooLargeError(
             f"a beam has {model.bin_count(resolution)} range bins: use a coarser resolution, or a "
@@ -69,14 +57,18 @@ def list_rows(field: CellField, beams: Beams, model: ForwardModel, resolution: f
     bins: list[npt.NDArray[np.uint16]] = []
     fractions: list[npt.NDArray[np.float32]] = []
     total = 0
-    shape = tuple(int(n) for n in window.shape[::-1])
-    for part, listed in model.cells(beams, resolution=resolution, lo=window.lo, shape=shape):
-        offsets.append(listed.offsets[1:] + total)
-        total += int(listed.offsets[-1])
-        _check_memory(total / part.stop * len(beams), len(beams), field.nbytes)
-        cells.append(window.number(listed.cells))
-        bins.append(listed.bins.astype(np.uint16))
-        fractions.append(listed.fractions.copy())
+    far = float(np.max(model.reach(beams.ranges))) / resolution + 2.0
+    for run, window in windows_of(field, beams.origins / resolution, far):
+        shape = tuple(int(n) for n in window.shape[::-1])
+        some = Beams(beams.origins[run], beams.directions[run], beams.ranges[run])
+        for part, listed in model.cells(some, resolution=resolution, lo=window.lo, shape=shape):
+            offsets.append(listed.offsets[1:] + total)
+            total += int(listed.offsets[-1])
+            done = run.start + part.stop
+            _check_memory(total / done * len(beams), len(beams), field.nbytes)
+            cells.append(window.number(listed.cells))
+            bins.append(listed.bins.astype(np.uint16))
+            fractions.append(listed.fractions.copy())
     return BeamRows(
         beams.ranges, np.concatenate(offsets), _joined(cells), _joined(bins), _joined(fractions)
     )

@@ -90,3 +90,7 @@ class FullMapConfig:
         if self.prior is not None:
             return self.prior
         return 0.475 if ndim == 2 else 0.1
+
+    def values_in(self, ndim: int) -> dict[str, float]:
+        """What is chosen by the dimension where nothing is set, as a map's provenance notes it."""
+        return {"prior": self.prior_in(ndim), "coupling": self.coupling_in(ndim)}
