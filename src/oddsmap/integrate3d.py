@@ -27,8 +27,9 @@ from oddsmap.tiles import TileStore, memory_limit
 __all__ = ["Integrator3D"]
 
 # A cell's code (its block's place in the window and its place in the block) has 31 bits, which lets
-# the kernels run twice as many lanes, or 63 in a window of more cells than this.
+# the kernels run twice as many lanes, or 53, which doubles hold, in a window of more cells.
 _SHORT_CODES = (1 << 31) - 1
+_LONG_CODES = (1 << 53) - 1
 # A window's table has 4 bytes a block. Only what rays touch takes memory, but that may be all.
 _MAX_TABLE_BLOCKS = min((1 << 31) - 1, memory_limit() // 8)
 # Blocks that there is room for at first; it grows when a scan touches more.
@@ -64,7 +65,7 @@ class Integrator3D:
         self._bits = tiles.side.bit_length() - 1
         if tiles.side != 1 << self._bits:
             raise InputError(f"tiles of space need a side that is a power of 2, got {tiles.side}")
-        self._most_cells = _MAX_TABLE_BLOCKS << (3 * self._bits)
+        self._most_cells = min(_MAX_TABLE_BLOCKS << (3 * self._bits), _LONG_CODES)
         self._used = np.zeros(1, np.int64)
         self._marks = np.zeros(0, np.uint8)
         self._weights = np.zeros((2, 0), np.int64)

@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import oddsmap
 import oddsmap.integrate3d
 from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate3d import Integrator3D
+from oddsmap.kernels.integrate3d import BIN_COUNT, sort_rays
 from oddsmap.poses import Pose3
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
@@ -157,6 +158,17 @@ def test_shared_hits(scan: tuple[Point, list[Beam]], votes: str) -> None:
             (3.5, 1.0 - 2.0**-40 + 2.0**-50, 0.5),
             {(0, 0, 0), (1, 0, 0), (2, 0, 0)},
         ),
+        # From a face, and below it by less than places in a window can tell.
+        (
+            (0.5, 1.0, 0.5),
+            (3.5, 1.0 - 2.0**-53, 0.5),
+            {(0, 0, 0), (1, 0, 0), (2, 0, 0)},
+        ),
+        (
+            (-9.5, -1.0, 7.5),
+            (-12.5, -1.0 - 2.0**-52, 7.5),
+            {(-10, -2, 7), (-11, -2, 7), (-12, -2, 7)},
+        ),
     ],
 )
 @pytest.mark.parametrize("turn", [0, 1, 2])
@@ -222,6 +234,42 @@ def test_a_hair_before_a_border_is_before_it(axis: int) -> None:
                     assert votes_of(evidence) == exact_votes(
                         here, [(there, there, True)] * 40, votes
                     )
+
+
+@pytest.mark.parametrize("end", [(1e-310, 0.0, 0.0), (-2e-309, 1e-310, 0.0), (0.0, 0.0, -5e-324)])
+def test_rays_of_next_to_no_length(end: Point) -> None:
+    """Of which 1 / length is infinite."""
+    origin: Point = (0.0, 0.0, 0.0)
+    bins, spans = np.zeros(1, np.int32), np.zeros((BIN_COUNT, 4))
+    sort_rays(np.array(origin), np.array([end]), bins, spans)
+    assert (np.abs(spans[bins[0]]) <= 1.0).all()
+    for votes in ("scan", "beam"):
+        evidence = EvidenceMap(1.0, ndim=3, votes=votes)
+        add_rays(evidence, origin, [(end, end, True)])
+        assert votes_of(evidence) == exact_votes(origin, [(end, end, True)], votes)
+
+
+@st.composite
+def near_borders(draw: st.DrawFn) -> float:
+    """A border, or next to nothing beside one."""
+    hair = draw(st.sampled_from([0.0, 1.0, -1.0, 3.0])) * 2.0 ** -draw(st.integers(20, 53))
+    return draw(st.integers(-12, 12)) + hair
+
+
+ALONG_AN_EDGE = (-21.0, -8.0 + 2.0**-44, 1.0 - 2.0**-50)
+
+
+@given(scans(near_borders()))
+@example(((-22.0, 1.0, 1.0), [(ALONG_AN_EDGE, ALONG_AN_EDGE, True)]))
+@settings(max_examples=100)
+def test_the_side_of_tiles_changes_no_bit(scan: tuple[Point, list[Beam]]) -> None:
+    """Wherever rays touch edges, or nearly do."""
+    for votes in ("scan", "beam"):
+        one, *others = (EvidenceMap(1.0, ndim=3, votes=votes, tile_side=k) for k in (2, 8, 32))
+        add_rays(one, *scan)
+        for other in others:
+            add_rays(other, *scan)
+            assert votes_of(other) == votes_of(one)
 
 
 # ------------------------------------------------------------------------------- saturation

@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, add_scans
 from oddsmap.cells import to_cells
 from oddsmap.integrate_lengths import LengthIntegrator
+from oddsmap.kernels.zone import walk
 from oddsmap.sensors.segments import Segments
 from tests.kit import ONE, add_beams, votes_of
 from tests.kit3d import add_rays
 from tests.naive import spread
 from tests.naive.mapping import corner_distance
-from tests.naive.mapping3d import Cell, Point, edge_distance
+from tests.naive.mapping3d import Cell, Point, crossed, edge_distance
 
 on_borders = st.integers(-24, 24).map(lambda k: k / 4)
 anywhere = st.floats(-6.0, 6.0, allow_subnormal=False)
@@ -252,3 +253,21 @@ def test_a_narrow_spread_in_one_cell_is_a_whole_hit() -> None:
         along_x(sensor, 0.5, 5.0, votes="scan") for sensor in (BeamSensor(sigma=0.01), BeamSensor())
     )
     assert votes_of(spread_hit) == votes_of(plain)
+
+
+@pytest.mark.parametrize(
+    ("start", "stop"),
+    [
+        ((0.0, 0.5), (-1e-310, 3.5)),
+        ((-1e-310, 0.5), (1e-310, 3.25)),
+        ((0.5, 0.0, 0.5), (3.5, -5e-324, 0.25)),
+    ],
+)
+def test_a_walk_along_a_border_by_next_to_nothing(start: Point, stop: Point) -> None:
+    """1 / (the way along that axis) is infinite."""
+    cells, left = np.zeros((20, len(start)), np.int64), np.zeros(20)
+    count = walk(np.array(start), np.array(stop), cells, left)
+    got = {tuple(map(int, cell)): part for cell, part in zip(cells, left[:count], strict=False)}
+    want = crossed(start, stop)
+    assert got.keys() == want.keys()
+    assert np.diff(left[:count], prepend=0.0) == pytest.approx([float(want[c]) for c in got])

@@ -23,7 +23,7 @@ from oddsmap.kernels.tiles import (
     make_room_for_vote,
 )
 
-__all__ = ["apply_marks", "mark_scan", "sort_rays"]
+__all__ = ["BIN_COUNT", "SLABS", "apply_marks", "mark_scan", "sort_rays"]
 
 FREE, OCCUPIED = 1, 2
 

@@ -28,7 +28,7 @@ def kernel(function: F) -> F:
 
 
 def allocating(function: F) -> F:
-    """Compile a function that makes arrays: one that is called seldom and has few loops."""
+    """Compile a function that makes arrays of its own, which are freed when none refers to them."""
     return cast(F, njit(nogil=True, cache=True, error_model="numpy", _nrt=True)(function))
 
 

@@ -24,13 +24,11 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import inlined
 
-__all__ = ["BORDERS", "MAX_BORDERS", "emit_passes", "saturated_slabs", "set_up"]
+__all__ = ["COLUMNS", "emit_passes", "saturated_slabs", "set_up"]
 
 BITS = 40
 UNIT = 1 << BITS
 TOUCH = 1 << 12
-MAX_BORDERS = 1 << 22
-"""The longest segment [cells along the major axis] that fixed point covers."""
 
 # Columns of the per-segment table that `set_up` fills.
 MAJOR = 0

@@ -64,7 +64,8 @@ def walk(start: FloatArray, stop: FloatArray, cells: IntArray, left: FloatArray)
         per_cell[axis] = 1.0 / way if way > 0 else np.inf
         ahead_of = at[axis] + 1.0 - start[axis]
         to_border = ahead_of if stop[axis] > start[axis] else start[axis] - at[axis]
-        until[axis] = to_border * per_cell[axis] if way > 0 else np.inf
+        # Not times 1 / way, which is infinite where the way is next to nothing.
+        until[axis] = to_border / way if way > 0 else np.inf
         level = level and way == 0
     count, entered = 0, 0.0
     while True:
