@@ -78,6 +78,8 @@ def test_wrong_words(run: Run, sonar: Path, office: Path, tmp_path: Path) -> Non
     words = ("--resolution", CELL, "-o", toml)
     assert "ends in .toml" in run("calibrate", sonar, *words[:2], "-o", "sensor.json").line
     assert "above 0, got 0" in run("calibrate", sonar, *words, "--set", "sensor.p_random=0").line
+    line = run("calibrate", sonar, *words, "--set", "posterior.prior=0.2").line
+    assert "does not look at posterior.*" in line
     assert "no-returns only" in run(
         "calibrate", sonar, *words, "--set", "sensor.range_max=0.02", "--set",
         "sensor.clear_range=0.02",

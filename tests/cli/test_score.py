@@ -110,6 +110,11 @@ def test_another_sensor_model(run: Run, sonar: Path, full: Path) -> None:
     assert ray["log_likelihood"] != own["log_likelihood"]
 
 
+def test_settings_of_other_sections_are_refused(run: Run, sonar: Path, full: Path) -> None:
+    line = run("score", full, sonar, "--set", "map.resolution=0.2").line
+    assert "does not look at map.*, only at sensor.*" in line
+
+
 def test_a_second_log_needs_no_hold_out(
     run: Run, sonar: Path, evidence: Path, tmp_path: Path
 ) -> None:

@@ -14,6 +14,7 @@ import typer
 
 from oddsmap.cli.settings import (
     Layer,
+    check_sections,
     cores,
     read_camera,
     read_extrinsics,
@@ -94,6 +95,7 @@ def calibrate(
     check_output(output, force=force)
     flags: Layer = {"map": {"resolution": resolution}}
     layers = setting_layers(config, flags, settings or [])
+    check_sections(layers, "calibrate", "map", "sensor", "full_map")
     if not any("resolution" in values.get("map", {}) for _, values in layers):
         raise typer.BadParameter("calibration needs one, in metres", param_hint="--resolution")
     opened = open_log(

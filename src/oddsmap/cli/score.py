@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.settings import Layers, read_camera, read_extrinsics, setting_layers
+from oddsmap.cli.settings import (
+    Layers,
+    check_sections,
+    read_camera,
+    read_extrinsics,
+    setting_layers,
+)
 
 if TYPE_CHECKING:
     from oddsmap.config import Config
@@ -99,6 +105,7 @@ def score(
     every = _held_out_of(provenance, grid, log) if held_out else None
     part = whole if every is None else hold_out(whole, every)[1]
     layers = setting_layers(config, {}, settings or [])
+    check_sections(layers, "score", "sensor")
     sensor = _settled(stored, whole, layers).sensor
     scores = score_map(belief, part, sensor)
     facts = {"map": str(grid), "log": str(log), "held_out_every": every, **_facts(scores)}

@@ -19,6 +19,7 @@ __all__ = [
     "Layer",
     "Layers",
     "check_estimator",
+    "check_sections",
     "check_width",
     "cores",
     "doubts",
@@ -167,6 +168,24 @@ def check_estimator(layers: Layers, estimator: str) -> None:
             raise ConfigError(
                 f"{where}: posterior.prior belongs to --estimator filter, a full map would not "
                 "look at it: set full_map.prior"
+            )
+
+
+def check_sections(layers: Layers, command: str, *used: str) -> None:
+    """Refuse --set of a section that a command does not look at; a file may serve other commands.
+
+    Raises:
+        ConfigError: there is one.
+    """
+    from oddsmap.errors import ConfigError
+
+    for where, values in layers:
+        unused = [section for section in values if section not in used]
+        if unused and where.startswith("--set "):
+            wanted = ", ".join(f"{section}.*" for section in used)
+            raise ConfigError(
+                f"{where}: oddsmap {command} does not look at {unused[0]}.*, only at {wanted}: "
+                "leave it out"
             )
 
 
