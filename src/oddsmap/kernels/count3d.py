@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import kernel
 from oddsmap.kernels.rays3d import RAYS, X, Y, Z, emit_ray, set_up
+from oddsmap.kernels.slots import slot_of
 from oddsmap.kernels.tiles import HITS, ONE, PASSES
 from oddsmap.kernels.zone import BeamShape, fade_cells, zone_cells
 
@@ -95,13 +96,7 @@ def count_scan(
                     code = np.uint64(buffer[row, k])
                     if (row > 0 and code == entry) or (row > 1 and code == leave):
                         continue
-                    block = code >> shift
-                    slot = np.uint64(table[block])
-                    if slot == 0:
-                        used[0] += 1
-                        slot = np.uint64(used[0])
-                        table[block] = np.int32(slot)
-                        used[slot] = np.int64(block)
+                    slot = slot_of(code >> shift, table, used)
                     at = (slot << shift) + (code & within)
                     weights[PASSES, at] = weights[PASSES, at] + ONE if every_beam else ONE
             if shape.fade > 0.0:
@@ -142,12 +137,7 @@ def _add_cells(
             cell = zone[k, axis] - lo[axis]
             block += np.uint64((cell >> bits) * blocks[axis])
             place += np.uint64((cell & mask) << (bits * axis))
-        slot = np.uint64(table[block])
-        if slot == 0:
-            used[0] += 1
-            slot = np.uint64(used[0])
-            table[block] = np.int32(slot)
-            used[slot] = np.int64(block)
+        slot = slot_of(block, table, used)
         at = (slot << np.uint64(3 * bits)) + place
         before = weights[channel, at]
         weight = zone_weights[k]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import allocating, inlined, kernel
 from oddsmap.kernels.rays3d import RAYS, X, Y, Z, emit_ray, ray_axis, set_up
+from oddsmap.kernels.slots import slot_of
 from oddsmap.kernels.tiles import (
     HITS,
     PASSES,
@@ -132,12 +133,7 @@ def _mark_hits(
             cell = np.int64(math.floor(ends[i, axis])) - lo[axis]
             block += (cell >> bits) * blocks[axis]
             place += (cell & mask) << (bits * axis)
-        slot = np.int64(table[block])
-        if slot == 0:
-            used[0] += 1
-            slot = used[0]
-            table[block] = np.int32(slot)
-            used[slot] = block
+        slot = np.int64(slot_of(np.uint64(block), table, used))
         marks[(slot << shift) + place] = OCCUPIED
 
 
@@ -154,14 +150,7 @@ def _mark_passes(
     for k in range(slabs):
         for row in range(3):
             code = np.uint64(buffer[row, np.uint64(k)])
-            block = code >> shift
-            slot = np.uint64(table[block])
-            # Blocks are numbered from 1 in the order of first touch; 0 means "not touched".
-            if slot == 0:
-                used[0] += 1
-                slot = np.uint64(used[0])
-                table[block] = np.int32(slot)
-                used[slot] = np.int64(block)
+            slot = slot_of(code >> shift, table, used)
             marks[(slot << shift) + (code & within)] = FREE
 
 
