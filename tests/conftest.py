@@ -20,22 +20,6 @@ settings.register_profile(
 settings.load_profile("oddsmap")
 
 
-def _drop_stale_kernels() -> None:
-    """Remove compiled kernels that are older than any kernel's source.
-
-    Numba looks at the file of the compiled function alone: after a change to segments.py it would
-    go on running the old code that it had inlined into the kernels of integrate2d.py.
-    """
-    kernels = Path(__file__).resolve().parents[1] / "src" / "oddsmap" / "kernels"
-    newest = max(source.stat().st_mtime for source in kernels.glob("*.py"))
-    for compiled in (kernels / "__pycache__").glob("*.nb[ic]"):
-        if compiled.stat().st_mtime < newest:
-            compiled.unlink(missing_ok=True)
-
-
-_drop_stale_kernels()
-
-
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="also run the tests marked slow")
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.beam_factor import BeamRows
 from oddsmap.kernels.first_echo import Noise, given
-from oddsmap.kernels.jit import allocating, inlined, kernel
+from oddsmap.kernels.jit import inlined, kernel
 
 __all__ = [
     "BeamBins",
@@ -113,7 +113,7 @@ def list_bins(rows: BeamRows, noise: Noise, bins: BeamBins) -> None:
     bins.rows[count] = rows.cells.shape[0]
 
 
-@allocating
+@kernel
 def turn_rows(rows: BeamRows, bins: BeamBins, of_cells: CellRows) -> None:
     """Sort the rows by cell, and by beam within a cell (counting sort).
 

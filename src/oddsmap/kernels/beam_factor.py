@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.first_echo import Noise, given
-from oddsmap.kernels.jit import allocating, inlined, kernel
+from oddsmap.kernels.jit import inlined, kernel
 from oddsmap.kernels.marks import LISTED, REACHED
 
 __all__ = [
@@ -171,7 +171,7 @@ def _units(nats: float) -> int:
     return np.int32(np.rint(min(max(nats, -_MOST), _MOST) * NAT))
 
 
-@allocating
+@kernel
 def sweep_in_turn(
     rows: BeamRows,
     order: IntArray,
@@ -347,7 +347,7 @@ def _room_for(
     return _room(most)
 
 
-@allocating
+@kernel
 def _room(most: int) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     return (
         np.empty(most),

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import borrowing
 
 __all__ = ["BELOW", "BODY", "HEIGHT", "LOST", "NAN", "ScanCells", "cell_bounds", "cut_beams"]
 
@@ -46,7 +46,7 @@ class ScanCells(NamedTuple):
     """Past its last tile, shape (scans, d)."""
 
 
-@kernel
+@borrowing
 def cut_beams(
     ranges: FloatArray,
     directions: FloatArray,
@@ -164,7 +164,7 @@ def cut_beams(
         offsets[scan + 1] = used
 
 
-@kernel
+@borrowing
 def cell_bounds(
     points: FloatArray,
     offsets: npt.NDArray[np.int64],

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.forgetting import scale_units
-from oddsmap.kernels.jit import allocating, kernel
+from oddsmap.kernels.jit import borrowing, kernel
 from oddsmap.kernels.tiles import HITS, PASSES, TileArrays, add_units, find_or_insert
 
 __all__ = ["apply_counts", "cell_box", "gather_cells"]
@@ -20,7 +20,7 @@ __all__ = ["apply_counts", "cell_box", "gather_cells"]
 IntArray = npt.NDArray[np.int64]
 
 
-@kernel
+@borrowing
 def gather_cells(
     index: IntArray,
     hits: IntArray,
@@ -94,7 +94,7 @@ def gather_cells(
     return -1
 
 
-@kernel
+@borrowing
 def cell_box(index: IntArray, first: int, end: int, lo: IntArray, hi: IntArray) -> None:
     """The least and the largest index of some cells, along each axis.
 
@@ -114,7 +114,7 @@ def cell_box(index: IntArray, first: int, end: int, lo: IntArray, hi: IntArray) 
         lo[axis], hi[axis] = least, most
 
 
-@allocating
+@kernel
 def apply_counts(
     tiles: TileArrays,
     first_tile: IntArray,

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.cone_plane import plane_cells
 from oddsmap.kernels.cone_space import space_cells
-from oddsmap.kernels.jit import allocating
+from oddsmap.kernels.jit import kernel
 
 __all__ = ["LEAST_HALF_ANGLE", "list_cells"]
 
@@ -35,7 +35,7 @@ LEAST_HALF_ANGLE = 1e-6
 cells, in place of belonging to either by rounding."""
 
 
-@allocating
+@kernel
 def list_cells(
     origins: FloatArray,
     axes: FloatArray,

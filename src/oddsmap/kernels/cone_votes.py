@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import inlined, kernel
+from oddsmap.kernels.jit import borrowing, inlined
 from oddsmap.kernels.tiles import ONE
 
 __all__ = ["ConeModel", "Cones", "Room", "list_cones"]
@@ -89,7 +89,7 @@ def _extent(a: float, model: ConeModel) -> float:
     return max(0.0, a * model.cosine + math.sqrt(max(0.0, 1.0 - a * a)) * model.sine)
 
 
-@kernel
+@borrowing
 def _span(
     a: float, b: float, s: float, cosine_squared: float, low: float, high: float
 ) -> tuple[float, float]:
@@ -136,7 +136,7 @@ def _pass_units(model: ConeModel, weight: float, r: float, reach: float) -> int:
     return np.int64(np.rint(ONE * (weight * faded)))
 
 
-@kernel
+@borrowing
 def list_cones(cones: Cones, model: ConeModel, first: int, offsets: IntArray, room: Room) -> int:
     """List the votes of whole scans, as many as there is room for.
 
@@ -162,7 +162,7 @@ def list_cones(cones: Cones, model: ConeModel, first: int, offsets: IntArray, ro
     return scans - first
 
 
-@kernel
+@borrowing
 def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, used: int) -> int:
     # One beam's entries from `used` on; returns where they end, -1 without room for them.
     space = cones.origins.shape[1] == 3
@@ -319,7 +319,7 @@ def _steps(start: float, stop: float) -> tuple[int, int, int, float, float]:
     return cell, last, step, border, side
 
 
-@kernel
+@borrowing
 def _share_hit(room: Room, arcs: int, share: bool) -> None:
     # Differences of a rounded running sum: the shares of one return add up to ONE exactly.
     total = 0.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import borrowing
 from oddsmap.kernels.rays3d import RAYS, X, Y, Z, emit_ray, set_up
 from oddsmap.kernels.slots import slot_of
 from oddsmap.kernels.tiles import HITS, ONE, PASSES
@@ -22,7 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-@kernel
+@borrowing
 def count_scan(
     origin: FloatArray,
     fades: FloatArray,
@@ -116,7 +116,7 @@ def count_scan(
     return -1
 
 
-@kernel
+@borrowing
 def _add_cells(
     zone: IntArray,
     zone_weights: IntArray,

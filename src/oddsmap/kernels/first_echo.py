@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import allocating, inlined, kernel
+from oddsmap.kernels.jit import inlined, kernel
 
 __all__ = ["Noise", "bin_likelihoods", "first_echoes", "given", "likelihoods"]
 
@@ -140,7 +140,7 @@ def first_echoes(
         )  # fmt: skip
 
 
-@allocating
+@kernel
 def likelihoods(
     readings: FloatArray,
     noise: Noise,

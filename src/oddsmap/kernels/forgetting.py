@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import borrowing
 from oddsmap.kernels.tiles import FRACTION_BITS, ONE
 
 __all__ = ["scale_units"]
 
 
-@kernel
+@borrowing
 def scale_units(units: npt.NDArray[np.int64], scale: int) -> int:
     """Multiply weights by scale / 65536 in place, each rounded to the nearest unit.
 

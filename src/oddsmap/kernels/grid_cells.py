@@ -8,7 +8,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import inlined, kernel
+from oddsmap.kernels.jit import borrowing, inlined
 
 __all__ = ["list_seen_cells"]
 
@@ -25,7 +25,7 @@ def _pixel_at(place: float) -> float:
     return border if abs(place - border) <= _ON_BORDER else np.floor(place)
 
 
-@kernel
+@borrowing
 def list_seen_cells(
     seen: FloatArray,
     lo: npt.NDArray[np.int64],

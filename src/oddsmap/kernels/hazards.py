@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.first_echo import Noise
-from oddsmap.kernels.jit import allocating, inlined
+from oddsmap.kernels.jit import inlined, kernel
 
 __all__ = ["tally_hazards"]
 
@@ -36,7 +36,7 @@ def _below(x: float) -> float:
     return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
-@allocating
+@kernel
 def tally_hazards(
     readings: FloatArray,
     noise: Noise,

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.beams import ScanCells
 from oddsmap.kernels.forgetting import scale_units
-from oddsmap.kernels.jit import inlined, kernel
+from oddsmap.kernels.jit import borrowing, inlined
 from oddsmap.kernels.segments import emit_passes, saturated_slabs, set_up
 from oddsmap.kernels.tiles import (
     HITS,
@@ -64,7 +64,7 @@ class Room(NamedTuple):
     """Tiles across a window, shape (at least so many, 2)."""
 
 
-@kernel
+@borrowing
 def _describe(scans: ScanCells, scan: int, table: npt.NDArray[np.int64]) -> None:
     ox, oy = scans.origins[scan]
     first = scans.offsets[scan]
@@ -72,7 +72,7 @@ def _describe(scans: ScanCells, scan: int, table: npt.NDArray[np.int64]) -> None
         set_up(ox, oy, scans.fades[i, 0], scans.fades[i, 1], table, i - first)
 
 
-@kernel
+@borrowing
 def _window_box(
     scans: ScanCells,
     scan: int,
@@ -93,7 +93,7 @@ def _window_box(
     return clipped
 
 
-@kernel
+@borrowing
 def mark_votes(
     tiles: TileArrays,
     side: int,
@@ -138,7 +138,7 @@ def mark_votes(
     return scans.origins.shape[0], DONE
 
 
-@kernel
+@borrowing
 def _mark_passes(
     table: npt.NDArray[np.int64],
     count: int,
@@ -172,7 +172,7 @@ def _mark(buffer: npt.NDArray[np.int32], slabs: int, window: npt.NDArray[np.uint
         window[np.uint64(buffer[1, np.uint64(k)])] = _FREE
 
 
-@kernel
+@borrowing
 def _mark_hits(
     scans: ScanCells,
     scan: int,
@@ -190,7 +190,7 @@ def _mark_hits(
                 window[(y - box[2] + 1) * stride + x - box[0] + 1] = _OCCUPIED
 
 
-@kernel
+@borrowing
 def _apply_marks(
     tiles: TileArrays,
     side: int,
@@ -240,7 +240,7 @@ def _apply_marks(
     return fits
 
 
-@kernel
+@borrowing
 def _clear_margin(window: npt.NDArray[np.generic], stride: int, height: int) -> None:
     window[:stride] = 0
     window[(height + 1) * stride : (height + 2) * stride] = 0
@@ -249,7 +249,7 @@ def _clear_margin(window: npt.NDArray[np.generic], stride: int, height: int) -> 
         window[row * stride + stride - 1] = 0
 
 
-@kernel
+@borrowing
 def count_votes(
     tiles: TileArrays,
     side: int,
@@ -342,7 +342,7 @@ def _count_passes(
             window[other] = ONE
 
 
-@kernel
+@borrowing
 def _count_cells(
     origin: npt.NDArray[np.float64],
     cells: npt.NDArray[np.int64],
@@ -362,7 +362,7 @@ def _count_cells(
             window[at] = window[at] + weights[k] if every_beam else max(window[at], weights[k])
 
 
-@kernel
+@borrowing
 def _apply_counts(
     tiles: TileArrays,
     side: int,

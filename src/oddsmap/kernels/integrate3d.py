@@ -13,7 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import allocating, inlined, kernel
+from oddsmap.kernels.jit import borrowing, inlined, kernel
 from oddsmap.kernels.rays3d import RAYS, X, Y, Z, emit_ray, ray_axis, set_up
 from oddsmap.kernels.slots import slot_of
 from oddsmap.kernels.tiles import (
@@ -49,7 +49,7 @@ ORDER = np.array([begin for part in ROUNDS for begin in part], np.int64)
 LAST_OF_ROUND = np.array([part[-1] for part in ROUNDS[:-1]], np.int64)
 
 
-@kernel
+@borrowing
 def sort_rays(
     origin: FloatArray, ends: FloatArray, bins: npt.NDArray[np.int32], spans: FloatArray
 ) -> None:
@@ -112,7 +112,7 @@ def _bin_tree() -> IntArray:
 BIN_TREE = _bin_tree()
 
 
-@kernel
+@borrowing
 def _mark_hits(
     ends: FloatArray,
     hit: npt.NDArray[np.bool_],
@@ -154,7 +154,7 @@ def _mark_passes(
             marks[(slot << shift) + (code & within)] = FREE
 
 
-@kernel
+@borrowing
 def mark_scan(
     origin: FloatArray,
     ends: FloatArray,
@@ -228,7 +228,7 @@ def mark_scan(
     return -1
 
 
-@kernel
+@borrowing
 def _advance(
     origin: FloatArray,
     lo: IntArray,
@@ -255,7 +255,7 @@ def _advance(
         done[at] = _marked_slabs(at, done[at], spans, origin, lo, bits, blocks, table, marks)
 
 
-@kernel
+@borrowing
 def _marked_slabs(
     at: int,
     slab: int,
@@ -311,7 +311,7 @@ def _marked_slabs(
         slab += 1
 
 
-@allocating
+@kernel
 def apply_marks(
     tiles: TileArrays,
     first_tile: IntArray,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.cell_votes import gather_cells
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import borrowing
 from oddsmap.kernels.tiles import ONE
 from oddsmap.kernels.zone import walk
 
@@ -19,7 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-@kernel
+@borrowing
 def gather_lengths(
     origin: FloatArray,
     ends: FloatArray,

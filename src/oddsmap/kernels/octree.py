@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import allocating, kernel
+from oddsmap.kernels.jit import kernel
 
 __all__ = ["DEPTH", "lay_out", "node_count", "prune", "read_nodes", "read_pairs"]
 
@@ -84,7 +84,7 @@ def node_count(code: Codes, level: Levels) -> int:
     return nodes
 
 
-@allocating
+@kernel
 def lay_out(
     code: Codes,
     level: Levels,
@@ -121,7 +121,7 @@ def lay_out(
             node_value[path[d]] = max(node_value[path[d]], value[i])
 
 
-@allocating
+@kernel
 def read_pairs(
     pairs: npt.NDArray[np.uint16], code: Codes, level: Levels, occupied: npt.NDArray[np.bool_]
 ) -> tuple[int, int, int, int]:
@@ -168,7 +168,7 @@ def read_pairs(
     return FINE, read, leaves, nodes
 
 
-@allocating
+@kernel
 def read_nodes(
     children: npt.NDArray[np.uint8], code: Codes, level: Levels, node: npt.NDArray[np.int64]
 ) -> tuple[int, int, int]:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN
 from oddsmap.kernels.integrate3d import FREE, OCCUPIED
-from oddsmap.kernels.jit import allocating, inlined, kernel
+from oddsmap.kernels.jit import borrowing, inlined, kernel
 
 __all__ = ["TEXEL_BITS", "depth_box", "mark_ends", "mark_free", "read_depth"]
 
@@ -45,7 +45,7 @@ NONE, SOME, ALL = 0, 1, 2
 PIXEL_MARGIN = 1e-6
 
 
-@allocating
+@kernel
 def read_depth(
     depth: npt.NDArray[np.floating],
     range_per_depth: FloatArray,
@@ -141,7 +141,7 @@ def read_depth(
     return used
 
 
-@kernel
+@borrowing
 def depth_box(
     most: npt.NDArray[np.float32],
     intrinsics: tuple[float, float, float, float],
@@ -257,7 +257,7 @@ def _settle(
     return answer
 
 
-@allocating
+@kernel
 def mark_free(
     places: FloatArray,
     slack: FloatArray,
@@ -388,7 +388,7 @@ def _part(cell: int, bits: int, mask: int, far: int, near: int) -> int:
     return (cell >> bits) * far + (cell & mask) * near
 
 
-@allocating
+@kernel
 def mark_ends(
     depth: npt.NDArray[np.floating],
     seen: npt.NDArray[np.uint8],

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import borrowing
 
 __all__ = [
     "HITS",
@@ -65,7 +65,7 @@ class TileArrays(NamedTuple):
     """Units of 1/65536 vote, shape (wide capacity, 2, cells of a tile)."""
 
 
-@kernel
+@borrowing
 def _hash(key: npt.NDArray[np.int64]) -> np.uint64:
     # 64-bit finaliser of SplitMix64 (Steele, Lea, Flood 2014): neighbours land far apart.
     h = np.uint64(0)
@@ -75,7 +75,7 @@ def _hash(key: npt.NDArray[np.int64]) -> np.uint64:
     return h
 
 
-@kernel
+@borrowing
 def find(tiles: TileArrays, key: npt.NDArray[np.int64]) -> int:
     """Slot of the tile at `key` (shape (d,)), or -1."""
     mask = np.uint64(tiles.table.shape[0] - 1)
@@ -93,7 +93,7 @@ def find(tiles: TileArrays, key: npt.NDArray[np.int64]) -> int:
         at = (at + np.uint64(1)) & mask
 
 
-@kernel
+@borrowing
 def find_or_insert(tiles: TileArrays, key: npt.NDArray[np.int64]) -> int:
     """Slot of the tile at `key`, made where it is new. The caller has ensured the capacity."""
     mask = np.uint64(tiles.table.shape[0] - 1)
@@ -118,7 +118,7 @@ def find_or_insert(tiles: TileArrays, key: npt.NDArray[np.int64]) -> int:
     return slot
 
 
-@kernel
+@borrowing
 def rehash(tiles: TileArrays) -> None:
     """Fill an empty table from the coordinates."""
     mask = np.uint64(tiles.table.shape[0] - 1)
@@ -129,7 +129,7 @@ def rehash(tiles: TileArrays) -> None:
         tiles.table[at] = slot
 
 
-@kernel
+@borrowing
 def has_room(tiles: TileArrays, touched: int, fractional: bool) -> bool:
     """Whether `touched` tiles can be added to, whichever they are, so that none is left half done.
 
@@ -143,7 +143,7 @@ def has_room(tiles: TileArrays, touched: int, fractional: bool) -> bool:
     return tiles.counts[WIDE_COUNT] + touched <= tiles.wide.shape[0]
 
 
-@kernel
+@borrowing
 def wide_row(tiles: TileArrays, slot: int) -> int:
     """Row of the tile in `wide`, made where it has none. The caller has ensured the capacity."""
     row = tiles.wide_of[slot]
@@ -154,7 +154,7 @@ def wide_row(tiles: TileArrays, slot: int) -> int:
     return row
 
 
-@kernel
+@borrowing
 def flush(tiles: TileArrays, slot: int) -> bool:
     """Move a tile's narrow counts to its wide row; False where a cell passed MAX_UNITS."""
     row = wide_row(tiles, slot)
@@ -170,7 +170,7 @@ def flush(tiles: TileArrays, slot: int) -> bool:
     return fits
 
 
-@kernel
+@borrowing
 def make_room_for_vote(tiles: TileArrays, slot: int) -> bool:
     """Let every cell of a tile take one more whole vote; False where a cell passed MAX_UNITS."""
     fits = True
@@ -182,7 +182,7 @@ def make_room_for_vote(tiles: TileArrays, slot: int) -> bool:
     return fits
 
 
-@kernel
+@borrowing
 def add_units(
     tiles: TileArrays,
     slot: int,
@@ -217,7 +217,7 @@ def add_units(
     return fits
 
 
-@kernel
+@borrowing
 def add_tiles(
     tiles: TileArrays,
     coords: npt.NDArray[np.int64],

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import allocating, kernel
+from oddsmap.kernels.jit import kernel
 from oddsmap.kernels.tiles import ONE
 
 __all__ = ["BeamShape", "fade_cells", "walk", "zone_cells"]
@@ -31,7 +31,7 @@ class BeamShape(NamedTuple):
     """The way before the occupied region over which passes fade from 1 to 0."""
 
 
-@allocating
+@kernel
 def walk(start: FloatArray, stop: FloatArray, cells: IntArray, left: FloatArray) -> int:
     """List the cells in which a segment has positive length.
 
