@@ -37,7 +37,7 @@ from benchmarks.lidar2d import machine, show  # noqa: E402
 from benchmarks.sonar_accuracy import CASES, score_all  # noqa: E402
 from oddsmap import Pose2, Scan  # noqa: E402
 from oddsmap.config import Config, MapConfig  # noqa: E402
-from oddsmap.kernels.beam_factor import NAT, BeamRows, passing_messages  # noqa: E402
+from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, passing_messages  # noqa: E402
 from oddsmap.posterior.full_map.estimator import build_full_map  # noqa: E402
 from oddsmap.posterior.full_map.field import CellField  # noqa: E402
 from oddsmap.posterior.full_map.online import OnlineFullMap  # noqa: E402

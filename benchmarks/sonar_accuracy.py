@@ -22,7 +22,7 @@ from benchmarks.peers.thrun_em import thrun_em
 from oddsmap import Scan, build_map, evaluate, open_log
 from oddsmap.config import Config, MapConfig
 from oddsmap.integrate import said_of_sensor
-from oddsmap.kernels.beam_factor import NAT, BeamRows
+from oddsmap.kernels.infer.beam_factor import NAT, BeamRows
 from oddsmap.posterior.full_map.estimator import build_full_map
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.online import OnlineFullMap

@@ -31,8 +31,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 import oddsmap  # noqa: E402
 from oddsmap.config import Config, MapConfig  # noqa: E402
-from oddsmap.kernels.beam_factor import NAT, BeamRows, beam_room, chances, factor  # noqa: E402
-from oddsmap.kernels.first_echo import Noise  # noqa: E402
+from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, beam_room, chances, factor  # noqa: E402
+from oddsmap.kernels.infer.first_echo import Noise  # noqa: E402
 from oddsmap.kernels.jit import kernel  # noqa: E402
 from oddsmap.posterior.full_map.field import CellField  # noqa: E402
 from oddsmap.posterior.full_map.propagation import Propagation  # noqa: E402

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from oddsmap import BeamSensor, EvidenceMap, add_scans, build_map, load_map, store
 from oddsmap.config import PosteriorConfig
 from oddsmap.errors import InputError, OddsmapError, OutputError
-from oddsmap.kernels.tiles import MAX_UNITS
+from oddsmap.kernels.vote.tiles import MAX_UNITS
 from oddsmap.tiles import TileStore
 from tests.kit import ONE, Votes, add_votes, random_scans, votes_of
 

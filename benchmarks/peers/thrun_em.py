@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from oddsmap.kernels.beam_factor import BeamRows
+from oddsmap.kernels.infer.beam_factor import BeamRows
 
 __all__ = ["EmMap", "thrun_em"]
 

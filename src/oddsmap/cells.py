@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
-from oddsmap.kernels.beams import ScanCells, cell_bounds
-from oddsmap.kernels.zone import BeamShape
+from oddsmap.kernels.trace.clip_beams import ScanCells, cell_bounds
+from oddsmap.kernels.trace.hit_region import BeamShape
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.segments import Segments
 from oddsmap.tiles import memory_limit

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from oddsmap.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.tiles import HITS, ONE, PASSES
+from oddsmap.kernels.vote.tiles import HITS, ONE, PASSES
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Sensor
 from oddsmap.tiles import TileStore

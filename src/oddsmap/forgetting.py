@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.tiles import ONE
+from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.kinds import Measurement
 
 if TYPE_CHECKING:

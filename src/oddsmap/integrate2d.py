@@ -18,10 +18,10 @@ from oddsmap.cells import beam_shape, cells_near_return, to_cells
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate_lengths import LengthIntegrator, check_lengths
-from oddsmap.kernels.beams import ScanCells
-from oddsmap.kernels.integrate2d import DONE, FULL, SLABS, Room, count_votes, mark_votes
-from oddsmap.kernels.segments import COLUMNS
-from oddsmap.kernels.tiles import ONE
+from oddsmap.kernels.trace.clip_beams import ScanCells
+from oddsmap.kernels.trace.segments2d import COLUMNS
+from oddsmap.kernels.vote.rays2d import DONE, FULL, SLABS, Room, count_votes, mark_votes
+from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Measurement
 from oddsmap.sensors.segments import Segments

@@ -14,12 +14,12 @@ from oddsmap.cells import beam_shape, cells_near_return, to_cells
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate_lengths import LengthIntegrator, check_lengths
-from oddsmap.kernels.beams import ScanCells
-from oddsmap.kernels.cell_votes import apply_counts
-from oddsmap.kernels.count3d import count_scan
-from oddsmap.kernels.integrate3d import BIN_COUNT, SLABS, apply_marks, mark_scan, sort_rays
-from oddsmap.kernels.rays3d import COLUMNS, RAYS
-from oddsmap.kernels.tiles import ONE
+from oddsmap.kernels.trace.clip_beams import ScanCells
+from oddsmap.kernels.trace.rays3d import COLUMNS, RAYS
+from oddsmap.kernels.vote.cell_votes import apply_counts
+from oddsmap.kernels.vote.counts3d import count_scan
+from oddsmap.kernels.vote.rays3d import BIN_COUNT, SLABS, apply_marks, mark_scan, sort_rays
+from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Measurement
 from oddsmap.tiles import TileStore, memory_limit

@@ -12,8 +12,8 @@ import numpy as np
 from oddsmap.cell_window import CellWindow
 from oddsmap.errors import InputError
 from oddsmap.evidence import EvidenceMap
-from oddsmap.kernels.cell_votes import cell_box, gather_cells
-from oddsmap.kernels.tiles import ONE
+from oddsmap.kernels.vote.cell_votes import cell_box, gather_cells
+from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.cell_votes import CellVotes
 from oddsmap.sensors.kinds import CellSensor, Measurement
 from oddsmap.tiles import TileStore

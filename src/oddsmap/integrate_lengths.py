@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from oddsmap.cell_window import CellWindow
 from oddsmap.errors import ConfigError
-from oddsmap.kernels.beams import ScanCells
-from oddsmap.kernels.lengths import gather_lengths
+from oddsmap.kernels.trace.clip_beams import ScanCells
+from oddsmap.kernels.vote.path_lengths import gather_lengths
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Sensor
 from oddsmap.tiles import TileStore

@@ -18,8 +18,8 @@ from oddsmap.cells import MAX_COORDINATE, check_size
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence import EvidenceMap
 from oddsmap.integrate3d import Integrator3D
-from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN
-from oddsmap.kernels.projective import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
+from oddsmap.kernels.trace.clip_beams import BELOW, BODY, HEIGHT, LOST, NAN
+from oddsmap.kernels.vote.depth_image import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
 from oddsmap.sensors.kinds import Measurement

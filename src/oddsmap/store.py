@@ -27,7 +27,7 @@ from oddsmap.atomic import atomic_output
 from oddsmap.config import Config
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence import EvidenceMap
-from oddsmap.kernels.tiles import MAX_UNITS, ONE, PASSES
+from oddsmap.kernels.vote.tiles import MAX_UNITS, ONE, PASSES
 from oddsmap.tiles import TileStore
 
 if TYPE_CHECKING:

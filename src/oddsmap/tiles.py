@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, MapTooLargeError
-from oddsmap.kernels.tiles import (
+from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
     FRACTION_BITS,
     MAX_UNITS,

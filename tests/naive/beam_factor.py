@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from oddsmap.kernels.beam_factor import BeamRows
+from oddsmap.kernels.infer.beam_factor import BeamRows
 from oddsmap.sensors.forward import ForwardModel
 from tests.naive.forward import likelihood
 

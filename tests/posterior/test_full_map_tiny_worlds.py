@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from oddsmap.kernels.beam_factor import NAT, BeamRows
+from oddsmap.kernels.infer.beam_factor import NAT, BeamRows
 from oddsmap.posterior.exact import ExactPosterior
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.propagation import Propagation

@@ -13,8 +13,8 @@ import scipy.stats
 
 from oddsmap import BeamSensor, ConeSensor, GridScan, OverheadSensor, State, build_reflection_map
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.beam_factor import BeamRows
-from oddsmap.kernels.beta_factor import filter_beams
+from oddsmap.kernels.infer.beam_factor import BeamRows
+from oddsmap.kernels.infer.beta_factor import filter_beams
 from oddsmap.poses import Pose2
 from oddsmap.posterior.beta import beta_interval
 from oddsmap.posterior.beta_view import Quantity

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.beam_factor import BeamRows
+from oddsmap.kernels.infer.beam_factor import BeamRows
 from oddsmap.posterior.exact import ExactPosterior
 from oddsmap.posterior.full_map.sampling import FactorGraph, gibbs, hill_climb, log_joint
 from oddsmap.sensors.cone_beams import Beams

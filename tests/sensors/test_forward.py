@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.cone_space import RADIUS
+from oddsmap.kernels.trace.cone3d import RADIUS
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.scan import Scan
 from oddsmap.sensors import cone_beams

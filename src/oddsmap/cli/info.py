@@ -109,7 +109,7 @@ def _of_log(log: Log) -> dict[str, Any]:
 
 
 def _of_map(evidence: EvidenceMap, path: Path) -> dict[str, Any]:
-    from oddsmap.kernels.tiles import ONE
+    from oddsmap.kernels.vote.tiles import ONE
 
     _, hits, passes = evidence.cells()
     facts: dict[str, Any] = {

@@ -60,7 +60,7 @@ def progress_of_sweeps(most: int, *, quiet: bool) -> Iterator[Callable[[int, flo
 
 def facts_of(evidence: EvidenceMap, output: Path) -> dict[str, Any]:
     """What there is to say of an evidence map that has been saved."""
-    from oddsmap.kernels.tiles import ONE
+    from oddsmap.kernels.vote.tiles import ONE
 
     _, hits, passes = evidence.cells()
     return {

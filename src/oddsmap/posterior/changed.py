@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.tiles import ONE
+from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.posterior.belief import sigmoid
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.posterior.lookup import units_at

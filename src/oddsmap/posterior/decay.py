@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence import EvidenceMap
-from oddsmap.kernels.tiles import ONE
+from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.probability_map import ProbabilityMap
 
 __all__ = ["DecayQuantity", "DecayRate"]

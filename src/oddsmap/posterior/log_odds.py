@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import ConfigError
 from oddsmap.evidence import EvidenceMap
-from oddsmap.kernels.tiles import ONE
+from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.posterior.belief import Belief, Region
 from oddsmap.posterior.lookup import units_at
 from oddsmap.posterior.prior import PriorMap

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import InputError
 from oddsmap.evidence import EvidenceMap
-from oddsmap.kernels.tiles import FRACTION_BITS
+from oddsmap.kernels.vote.tiles import FRACTION_BITS
 
 __all__ = ["floor_cells", "same_places", "units_at"]
 

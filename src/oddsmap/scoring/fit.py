@@ -67,7 +67,7 @@ class Fit:
 
         p_dropout stays as it is where there is no no-return to tell it from.
         """
-        from oddsmap.kernels.causes import DROPOUT, LIKELIHOOD, RANDOM, SQUARES
+        from oddsmap.kernels.infer.responsibilities import DROPOUT, LIKELIHOOD, RANDOM, SQUARES
 
         some_lost = bool(self.work.no_returns.any())
         for _ in range(self.most_updates):

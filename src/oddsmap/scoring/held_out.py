@@ -194,8 +194,8 @@ class _Tally:
 
     def _add(self, window: Window, ahead: Beams, ranges: FloatArray) -> None:
         """Sum up beams in a window: listed as far as `ahead` says, with other readings."""
-        from oddsmap.kernels.first_echo import first_echoes
-        from oddsmap.kernels.hazards import tally_hazards
+        from oddsmap.kernels.infer.first_echo import first_echoes
+        from oddsmap.kernels.infer.range_hazards import tally_hazards
 
         model, side = self.model, self.belief.resolution
         noise, detection = model.noise(side), np.array([model.detection])
@@ -231,7 +231,7 @@ class _Tally:
         fractions: npt.NDArray[np.float32],
         probability: FloatArray,
     ) -> float:
-        from oddsmap.kernels.first_echo import likelihoods
+        from oddsmap.kernels.infer.first_echo import likelihoods
 
         side = self.belief.resolution
         out = np.empty(len(z))

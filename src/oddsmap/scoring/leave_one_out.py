@@ -17,8 +17,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.beam_factor import NAT
-from oddsmap.kernels.causes import LIKELIHOOD, causes
+from oddsmap.kernels.infer.beam_factor import NAT
+from oddsmap.kernels.infer.responsibilities import LIKELIHOOD, causes
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.propagation import Propagation
 from oddsmap.posterior.full_map.rows import list_rows
@@ -94,7 +94,7 @@ class LeaveOneOut:
         self._messages = work.messages
 
     def causes(self, model: ForwardModel) -> FloatArray:
-        """Likelihood and causes of each beam's reading, see `oddsmap.kernels.causes`."""
+        """Likelihood and causes of each beam's reading, see `kernels.infer.responsibilities`."""
         out = np.empty((len(self._beams), 4))
         causes(
             self._rows, model.noise(self._resolution), np.array([model.detection]),

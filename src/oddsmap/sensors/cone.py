@@ -27,7 +27,7 @@ from oddsmap.sensors.cell_votes import CellVotes
 from oddsmap.sensors.segments import ranges_of
 
 if TYPE_CHECKING:
-    from oddsmap.kernels.cone_votes import Cones, Room
+    from oddsmap.kernels.vote.cone_votes import Cones, Room
     from oddsmap.sensors.forward import ForwardModel
     from oddsmap.sensors.kinds import Measurement
 
@@ -188,7 +188,7 @@ class ConeSensor:
         return self._listed(cones, resolution), skipped
 
     def _listed(self, cones: Cones, resolution: float) -> Iterator[CellVotes]:
-        from oddsmap.kernels.cone_votes import ConeModel, list_cones
+        from oddsmap.kernels.vote.cone_votes import ConeModel, list_cones
 
         half_angle = math.radians(self.cone_deg) / 2
         model = ConeModel(
@@ -226,7 +226,7 @@ class ConeSensor:
                 )
 
     def _cones(self, scans: Sequence[Measurement], resolution: float) -> tuple[Cones, Counter[str]]:
-        from oddsmap.kernels.cone_votes import Cones
+        from oddsmap.kernels.vote.cone_votes import Cones
 
         beam = self._axis_beam()
         finite = [scan for scan in ranges_of(scans) if scan.map_from_sensor.is_finite]
@@ -319,7 +319,7 @@ def _sorted(
 
 
 def _room(entries: int, d: int) -> Room:
-    from oddsmap.kernels.cone_votes import Room
+    from oddsmap.kernels.vote.cone_votes import Room
 
     # np.empty takes address space; memory only where entries are listed.
     return Room(

@@ -155,7 +155,7 @@ def beam_cells(
     Raises:
         MapTooLargeError: one beam meets more than 2^28 cells.
     """
-    from oddsmap.kernels.cone_cells import LEAST_HALF_ANGLE, list_cells
+    from oddsmap.kernels.trace.cone_cells import LEAST_HALF_ANGLE, list_cells
 
     origins = beams.origins / resolution
     counts = np.array(shape[::-1], np.int64)

@@ -23,7 +23,7 @@ from oddsmap.sensors.cone_beams import BeamCells, Beams, beam_cells
 from oddsmap.sensors.window import Window
 
 if TYPE_CHECKING:
-    from oddsmap.kernels.first_echo import Noise
+    from oddsmap.kernels.infer.first_echo import Noise
 
 __all__ = ["ForwardModel"]
 
@@ -115,7 +115,7 @@ class ForwardModel:
 
     def noise(self, resolution: float) -> Noise:
         """What kernels need to know of readings, for cells of a side [m]."""
-        from oddsmap.kernels.first_echo import Noise
+        from oddsmap.kernels.infer.first_echo import Noise
 
         return Noise(
             float(self.range_min),
@@ -156,7 +156,7 @@ class ForwardModel:
             probability of a reading within a bin's width of z, or of no return. All 1 for a
             reading that carries no information.
         """
-        from oddsmap.kernels.first_echo import bin_likelihoods
+        from oddsmap.kernels.infer.first_echo import bin_likelihoods
 
         given = np.ones(self.bin_count(resolution))
         if not reading >= self.range_min:
@@ -215,7 +215,7 @@ class ForwardModel:
         Raises:
             InputError: the window is not of the beams' dimension.
         """
-        from oddsmap.kernels.first_echo import likelihoods
+        from oddsmap.kernels.infer.first_echo import likelihoods
 
         out = np.empty(len(beams))
         for part, listed in self.cells(beams, window.resolution, window.first, window.shape):
@@ -255,7 +255,7 @@ class ForwardModel:
         Raises:
             InputError: the window is not of the beams' dimension.
         """
-        from oddsmap.kernels.first_echo import first_echoes
+        from oddsmap.kernels.infer.first_echo import first_echoes
 
         unseen = Beams(beams.origins, beams.directions, np.full(len(beams), np.inf))
         for part, listed in self.cells(unseen, window.resolution, window.first, window.shape):

@@ -158,7 +158,7 @@ class OverheadSensor:
         Returns:
             hits and passes in units of 1/65536 vote, of that shape.
         """
-        from oddsmap.kernels.tiles import ONE
+        from oddsmap.kernels.vote.tiles import ONE
 
         p = np.asarray(seen, np.float64)
         if ((p == 0.0) | (p == 1.0)).all():  # labels: the same without logarithms
@@ -215,7 +215,7 @@ class OverheadSensor:
 
     def _cells(self, scan: GridScan, resolution: float) -> tuple[IntArray, FloatArray]:
         """The cells that a scan sees, shape (n, 2), and what it says of them, shape (n,)."""
-        from oddsmap.kernels.grid_cells import list_seen_cells
+        from oddsmap.kernels.vote.grid_cells import list_seen_cells
 
         pose, (left, low) = scan.map_from_sensor, scan.corner
         height, width = scan.seen.shape

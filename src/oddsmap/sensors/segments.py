@@ -48,7 +48,7 @@ class Segments:
 
 def cut_scans(sensor: BeamSensor, scans: Sequence[Measurement]) -> tuple[Segments, Counter[str]]:
     """Sort the readings of scans: see `BeamSensor.segments`."""
-    from oddsmap.kernels.beams import BELOW, BODY, HEIGHT, LOST, NAN, cut_beams
+    from oddsmap.kernels.trace.clip_beams import BELOW, BODY, HEIGHT, LOST, NAN, cut_beams
 
     beams = ranges_of(scans)
     finite = [scan for scan in beams if scan.map_from_sensor.is_finite]

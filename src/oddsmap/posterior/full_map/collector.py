@@ -20,7 +20,7 @@ from oddsmap.sensors.forward import ForwardModel
 from oddsmap.sensors.kinds import Measurement
 
 if TYPE_CHECKING:
-    from oddsmap.kernels.beam_factor import BeamRows
+    from oddsmap.kernels.infer.beam_factor import BeamRows
 
 __all__ = ["BeamCollector"]
 
@@ -80,7 +80,7 @@ class BeamCollector:
             InputError: no usable scan, or scans of the plane and of space together.
             MapTooLargeError: it would not fit in memory.
         """
-        from oddsmap.kernels.beam_factor import NAT
+        from oddsmap.kernels.infer.beam_factor import NAT
         from oddsmap.posterior.full_map.rows import list_rows
 
         if not self._scans:

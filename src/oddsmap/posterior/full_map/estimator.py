@@ -108,7 +108,7 @@ class FullMapEstimator:
 
     def estimate(self, progress: Callable[[int, float], None] | None = None) -> FullMap:
         """Estimate the map; errors and result as in `build_full_map`."""
-        from oddsmap.kernels.beam_factor import NAT
+        from oddsmap.kernels.infer.beam_factor import NAT
         from oddsmap.posterior.full_map.joint import log_odds_by_climbing, log_odds_by_gibbs
 
         work, sweeps, residual, started = self._propagate(

@@ -197,7 +197,7 @@ class Window:
 
     def number(self, places: npt.NDArray[np.signedinteger]) -> npt.NDArray[np.int32]:
         """Numbers of cells, given their places in the window (x fastest), shape (n,)."""
-        from oddsmap.kernels.blocks import find_blocks, number_cells
+        from oddsmap.kernels.infer.block_numbering import find_blocks, number_cells
 
         side = self._field.side
         shape = (places, self.shape, side, self._strides, self._table)

@@ -41,7 +41,7 @@ from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.kinds import Measurement
 
 if TYPE_CHECKING:
-    from oddsmap.kernels.beam_factor import BeamRows
+    from oddsmap.kernels.infer.beam_factor import BeamRows
     from oddsmap.sensors.cone_beams import Beams
 
 __all__ = ["OnlineFullMap"]
@@ -158,7 +158,7 @@ class OnlineFullMap:
         Raises:
             InputError: no usable scan was added yet.
         """
-        from oddsmap.kernels.beam_factor import NAT
+        from oddsmap.kernels.infer.beam_factor import NAT
 
         field = self._field
         if field is None:
@@ -225,7 +225,7 @@ class OnlineFullMap:
         return used, len(beams), skipped
 
     def _field_for(self, beams: Beams) -> CellField:
-        from oddsmap.kernels.beam_factor import NAT
+        from oddsmap.kernels.infer.beam_factor import NAT
 
         if self._field is None:
             prior = self.config.full_map.prior_in(beams.ndim)
@@ -236,7 +236,7 @@ class OnlineFullMap:
 
     def _sweep(self, field: CellField, scans: Iterable[_Recent]) -> float:
         """Renew all messages of some scans once; returns their mean change [nats]."""
-        from oddsmap.kernels.beam_factor import NAT, sweep_in_turn
+        from oddsmap.kernels.infer.beam_factor import NAT, sweep_in_turn
 
         moved, count = 0, 0
         for scan in scans:
@@ -260,7 +260,7 @@ class OnlineFullMap:
 
     def _tell_neighbours(self, field: CellField) -> None:
         """The Ising prior, from the blocks in which a scan was swept since, and those beside."""
-        from oddsmap.kernels.ising import pass_from_blocks
+        from oddsmap.kernels.infer.ising import pass_from_blocks
 
         coupling = self.config.full_map.coupling_in(field.ndim)
         if coupling == 0.0:

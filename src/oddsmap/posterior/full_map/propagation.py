@@ -15,15 +15,15 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.beam_factor import (
+from oddsmap.kernels.infer.beam_factor import (
     NAT,
     BeamRows,
     apply_messages,
     new_messages,
     sweep_in_turn,
 )
-from oddsmap.kernels.first_echo import Noise
-from oddsmap.kernels.ising import pass_to_neighbours
+from oddsmap.kernels.infer.first_echo import Noise
+from oddsmap.kernels.infer.ising import pass_to_neighbours
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.settings import FullMapConfig
 

@@ -33,7 +33,7 @@ import numpy.typing as npt
 from oddsmap.config import Config, MapConfig
 from oddsmap.errors import ConfigError
 from oddsmap.integrate import said_of_sensor
-from oddsmap.kernels.marks import REACHED
+from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.posterior.beta_view import check_beta_prior
 from oddsmap.posterior.full_map.collector import BeamCollector
 from oddsmap.posterior.full_map.field import CellField
@@ -44,8 +44,8 @@ from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
 
 if TYPE_CHECKING:
-    from oddsmap.kernels.beam_factor import BeamRows
-    from oddsmap.kernels.first_echo import Noise
+    from oddsmap.kernels.infer.beam_factor import BeamRows
+    from oddsmap.kernels.infer.first_echo import Noise
 
 __all__ = ["ReflectionMethod", "build_reflection_map"]
 
@@ -108,8 +108,8 @@ def build_reflection_map(
         ConfigError: a parameter outside its range, or a sensor without range_max.
         MapTooLargeError: it would not fit in memory.
     """
-    from oddsmap.kernels.beam_factor import NAT
-    from oddsmap.kernels.beta_factor import filter_beams
+    from oddsmap.kernels.infer.beam_factor import NAT
+    from oddsmap.kernels.infer.beta_factor import filter_beams
     from oddsmap.posterior.full_map.rows import note_observed
 
     check_beta_prior(a, b)
@@ -175,7 +175,7 @@ def _propagate(
     progress: Callable[[int, float], None] | None,
 ) -> tuple[int, float]:
     """Expectation propagation from the prior on, in place; its sweeps and residual."""
-    from oddsmap.kernels.beta_factor import revisit_beams
+    from oddsmap.kernels.infer.beta_factor import revisit_beams
 
     order = np.arange(len(rows.readings))
     told = np.zeros((len(rows.cells), 2), np.float32)
@@ -202,7 +202,7 @@ def _count(
     prior: tuple[float, float],
 ) -> tuple[int, float]:
     """EM, in place: the prior and the expected counts of the last sweep; sweeps and residual."""
-    from oddsmap.kernels.beta_factor import VOTE, expected_counts
+    from oddsmap.kernels.infer.beta_factor import VOTE, expected_counts
 
     met = np.unique(rows.cells)
     for number in range(1, most + 1):
@@ -238,7 +238,7 @@ def _compile() -> float:
 @cache
 def _compile_once() -> None:
     # Toy maps go through the same kernels, one of the plane and one of space.
-    from oddsmap.kernels.beta_factor import filter_beams
+    from oddsmap.kernels.infer.beta_factor import filter_beams
     from oddsmap.posterior.full_map.rows import list_rows, note_observed
 
     model = ConeSensor(cone_deg=30.0, range_max=3.0).forward_model()

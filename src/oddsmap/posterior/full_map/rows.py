@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
-from oddsmap.kernels.beam_factor import BeamRows
+from oddsmap.kernels.infer.beam_factor import BeamRows
 from oddsmap.posterior.full_map.field import CellField, windows_of
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.forward import ForwardModel
@@ -93,7 +93,7 @@ def note_observed(
     A reading from behind a wall, random or leaked, lists cells that nobody has seen. Unknown is
     what no beam reached, never where p is about the prior's.
     """
-    from oddsmap.kernels.beam_factor import mark_reached
+    from oddsmap.kernels.infer.beam_factor import mark_reached
 
     far = np.minimum(rows.readings, model.range_max) + _SIGMAS_BEHIND * model.sigma
     last = (far / model.bin_width_at(resolution)).astype(np.int64)

@@ -21,9 +21,9 @@ import numpy.typing as npt
 from oddsmap.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
-    from oddsmap.kernels.beam_bins import BeamBins, CellRows
-    from oddsmap.kernels.beam_factor import BeamRows
-    from oddsmap.kernels.first_echo import Noise
+    from oddsmap.kernels.infer.beam_factor import BeamRows
+    from oddsmap.kernels.infer.first_echo import Noise
+    from oddsmap.kernels.infer.incremental_likelihood import BeamBins, CellRows
 
 __all__ = [
     "Climb",
@@ -155,7 +155,7 @@ def gibbs(
         ConfigError: no sweep, or a negative number of them.
         InputError: a start of another shape.
     """
-    from oddsmap.kernels.flips import gibbs_sweep
+    from oddsmap.kernels.infer.cell_flips import gibbs_sweep
 
     if sweeps < 1 or burn_in < 0 or (sample_every is not None and sample_every < 1):
         raise ConfigError(
@@ -204,7 +204,7 @@ def hill_climb(
         ConfigError: no sweep.
         InputError: a start of another shape.
     """
-    from oddsmap.kernels.flips import climb_sweep
+    from oddsmap.kernels.infer.cell_flips import climb_sweep
 
     if max_sweeps < 1:
         raise ConfigError(f"hill climbing takes max_sweeps >= 1, got {max_sweeps}")
@@ -226,7 +226,7 @@ def conditional_log_odds(graph: FactorGraph, occupied: BoolArray) -> FloatArray:
     Raises:
         InputError: a map of another shape.
     """
-    from oddsmap.kernels.flips import conditional
+    from oddsmap.kernels.infer.cell_flips import conditional
 
     bins, of_cells, state = _begin(graph, occupied)
     odds = np.empty(graph.cell_count)
@@ -251,7 +251,7 @@ def log_joint(graph: FactorGraph, occupied: BoolArray) -> float:
 
 
 def _begin(graph: FactorGraph, start: BoolArray | None) -> tuple[BeamBins, CellRows, State]:
-    from oddsmap.kernels.beam_bins import (
+    from oddsmap.kernels.infer.incremental_likelihood import (
         BeamBins,
         CellRows,
         count_bins,

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.config import Config
-from oddsmap.kernels.marks import LISTED, REACHED
+from oddsmap.kernels.infer.cell_status import LISTED, REACHED
 from oddsmap.posterior.belief import Belief, Region, sigmoid
 from oddsmap.posterior.full_map.blocks import dense_box, listed_cells
 
