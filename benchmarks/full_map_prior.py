@@ -19,8 +19,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 import oddsmap  # noqa: E402
+from oddsmap.config.full_map import FullMapConfig  # noqa: E402
 from oddsmap.hold_out import hold_out  # noqa: E402
-from oddsmap.posterior.full_map.settings import FullMapConfig  # noqa: E402
 from oddsmap.scoring.held_out import score_map  # noqa: E402
 
 PRIORS = (0.05, 0.1, 0.2, 0.475)

@@ -30,7 +30,8 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 import oddsmap  # noqa: E402
-from oddsmap.config import Config, MapConfig  # noqa: E402
+from oddsmap.config.config import Config, MapConfig  # noqa: E402
+from oddsmap.config.full_map import FullMapConfig  # noqa: E402
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, beam_room, chances, factor  # noqa: E402
 from oddsmap.kernels.infer.first_echo import Noise  # noqa: E402
 from oddsmap.kernels.jit import kernel  # noqa: E402
@@ -38,7 +39,6 @@ from oddsmap.posterior.full_map.field import CellField  # noqa: E402
 from oddsmap.posterior.full_map.propagation import Propagation  # noqa: E402
 from oddsmap.posterior.full_map.readings import usable_beams  # noqa: E402
 from oddsmap.posterior.full_map.rows import list_rows  # noqa: E402
-from oddsmap.posterior.full_map.settings import FullMapConfig  # noqa: E402
 from oddsmap.scoring.truth import evaluate  # noqa: E402
 from oddsmap.sensors.cone import ConeSensor  # noqa: E402
 

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.evidence import EvidenceMap
-from oddsmap.integrate2d import Integrator2D
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.integrate.rays2d import Integrator2D
 from oddsmap.poses import Pose2
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.cells import to_cells
-from oddsmap.evidence import EvidenceMap
-from oddsmap.integrate3d import Integrator3D
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.integrate.rays3d import Integrator3D
+from oddsmap.integrate.to_cells import to_cells
 from oddsmap.poses import Pose3
 from oddsmap.scan import Scan
 from oddsmap.sensors.beam import BeamSensor

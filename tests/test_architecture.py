@@ -78,7 +78,9 @@ def test_kernels_import_numpy_and_their_compiler(module: str) -> None:
         assert top in STDLIB | {"numpy", "numba"} or within(name, "oddsmap.kernels"), name
 
 
-@pytest.mark.parametrize("module", ["oddsmap.evidence", "oddsmap.tiles", "oddsmap.store"])
+@pytest.mark.parametrize(
+    "module", ["oddsmap.evidence.evidence", "oddsmap.evidence.tiles", "oddsmap.evidence.store"]
+)
 def test_evidence_knows_no_reader(module: str) -> None:
     for name in of(module, lazy=True):
         for other in ("readers", "simulate", "cli", "export", "plot"):

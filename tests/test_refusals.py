@@ -10,7 +10,7 @@ import pytest
 
 import oddsmap
 from oddsmap import ConeSensor, EvidenceMap, InputError, OutputError, Pose2, Scan, build_map
-from oddsmap.atomic import check_output
+from oddsmap.atomic_write import check_output
 from oddsmap.posterior.full_map.readings import usable_beams
 from tests.kit import fan_scan
 

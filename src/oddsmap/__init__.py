@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from oddsmap.config.full_map import FullMapConfig
     from oddsmap.errors import (
         ConfigError,
         InputError,
@@ -22,10 +23,11 @@ if TYPE_CHECKING:
         OddsmapError,
         OutputError,
     )
-    from oddsmap.evidence import EvidenceMap
+    from oddsmap.evidence.evidence import EvidenceMap
+    from oddsmap.evidence.store import load_map
     from oddsmap.export.octomap_reader import load_octomap
     from oddsmap.export.ros_reader import load_ros
-    from oddsmap.integrate import add_scans, build_map
+    from oddsmap.integrate.add import add_scans, build_map
     from oddsmap.landmarks.landmark_map import LandmarkMap
     from oddsmap.poses import Pose2, Pose3
     from oddsmap.posterior.changed import changed
@@ -35,7 +37,6 @@ if TYPE_CHECKING:
     from oddsmap.posterior.full_map.online import OnlineFullMap
     from oddsmap.posterior.full_map.reflection import build_reflection_map
     from oddsmap.posterior.full_map.reflection_map import ReflectionMap
-    from oddsmap.posterior.full_map.settings import FullMapConfig
     from oddsmap.posterior.full_map.store import load_full_map
     from oddsmap.posterior.full_map.view import FullMap
     from oddsmap.posterior.log_odds import LogOdds
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
     from oddsmap.sensors.forward import ForwardModel
     from oddsmap.sensors.overhead import GridScan, OverheadSensor
     from oddsmap.sensors.window import Window
-    from oddsmap.store import load_map
     from oddsmap.voxels import VoxelMap
 
 __version__ = "0.1.0"
@@ -116,11 +116,11 @@ _HOME = {
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
     "DecayRate": "posterior.decay",
-    "EvidenceMap": "evidence",
+    "EvidenceMap": "evidence.evidence",
     "ExactPosterior": "posterior.exact",
     "ForwardModel": "sensors.forward",
     "FullMap": "posterior.full_map.view",
-    "FullMapConfig": "posterior.full_map.settings",
+    "FullMapConfig": "config.full_map",
     "FullMapEstimator": "posterior.full_map.estimator",
     "GridScan": "sensors.overhead",
     "InputError": "errors",
@@ -143,15 +143,15 @@ _HOME = {
     "Thresholds": "probability_map",
     "VoxelMap": "voxels",
     "Window": "sensors.window",
-    "add_scans": "integrate",
+    "add_scans": "integrate.add",
     "build_full_map": "posterior.full_map.estimator",
-    "build_map": "integrate",
+    "build_map": "integrate.add",
     "build_reflection_map": "posterior.full_map.reflection",
     "calibrate": "scoring.calibration",
     "changed": "posterior.changed",
     "evaluate": "scoring.truth",
     "load_full_map": "posterior.full_map.store",
-    "load_map": "store",
+    "load_map": "evidence.store",
     "load_octomap": "export.octomap_reader",
     "load_ros": "export.ros_reader",
     "open_log": "readers",

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.evidence import EvidenceMap
+from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.ground import GroundPlane
 from oddsmap.ground_surface import GroundSurface, fit_ground_surface
 from oddsmap.posterior.belief import Belief

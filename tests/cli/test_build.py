@@ -224,7 +224,7 @@ def test_settings_that_do_not_fit(
 def test_a_failure_while_writing_keeps_the_old_map(
     run: Run, office: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from oddsmap.tiles import TileStore
+    from oddsmap.evidence.tiles import TileStore
 
     out = tmp_path / "x.zarr"
     run("build", office, "--resolution", 0.2, "-o", out)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import oddsmap
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.export.octomap_reader import load_octomap
 from oddsmap.poses import Pose2
 from oddsmap.posterior.full_map.estimator import build_full_map
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.store import load_full_map
 from oddsmap.sensors.cone import ConeSensor
 from tests.cli.conftest import Run

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.posterior.full_map.estimator import build_full_map
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.scan import Scan
 from oddsmap.sensors.cone import ConeSensor

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oddsmap.config import Config, MapConfig
+from oddsmap.config.config import Config, MapConfig
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.posterior.full_map import field, rows
 from oddsmap.posterior.full_map.estimator import FullMapEstimator, build_full_map
 from oddsmap.posterior.full_map.readings import usable_beams
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.store import load_full_map
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.probability_map import State

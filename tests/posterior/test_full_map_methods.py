@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from oddsmap.config import Config, MapConfig
+from oddsmap.config.config import Config, MapConfig
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.posterior.full_map import joint
 from oddsmap.posterior.full_map.estimator import FullMapEstimator
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.online import OnlineFullMap
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.scan import Scan
 from tests.posterior.full_map_kit import (

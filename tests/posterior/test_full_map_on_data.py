@@ -10,9 +10,9 @@ import numpy.typing as npt
 import pytest
 
 from oddsmap import build_map, open_log
-from oddsmap.integrate import said_of_sensor
+from oddsmap.config.full_map import FullMapConfig
+from oddsmap.integrate.add import said_of_sensor
 from oddsmap.posterior.full_map.estimator import build_full_map
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor

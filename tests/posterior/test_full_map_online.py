@@ -13,12 +13,12 @@ import numpy.typing as npt
 import pytest
 
 from oddsmap import ConfigError, InputError, Pose2, Pose3, Scan, open_log
-from oddsmap.config import Config, MapConfig
-from oddsmap.integrate import said_of_sensor
+from oddsmap.config.config import Config, MapConfig
+from oddsmap.config.full_map import FullMapConfig
+from oddsmap.integrate.add import said_of_sensor
 from oddsmap.posterior.full_map.estimator import build_full_map
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.online import OnlineFullMap
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.overhead import OverheadSensor

@@ -11,11 +11,11 @@ import pytest
 import zarr
 
 from oddsmap.errors import InputError, OutputError
+from oddsmap.evidence.store import is_map, load_map
 from oddsmap.posterior.full_map.estimator import build_full_map
 from oddsmap.posterior.full_map.store import is_full_map, load_full_map
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.scan import Scan
-from oddsmap.store import is_map, load_map
 from tests.posterior.full_map_kit import SONAR, beam, estimated, moved, room, same, wall_of_space
 
 

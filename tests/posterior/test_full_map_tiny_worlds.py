@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows
 from oddsmap.posterior.exact import ExactPosterior
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.propagation import Propagation
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.forward import ForwardModel
 from oddsmap.sensors.window import Window

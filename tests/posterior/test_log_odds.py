@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oddsmap import BeamSensor, EvidenceMap, LogOdds, State, Thresholds, build_map
-from oddsmap.config import Config, MapConfig, PosteriorConfig
+from oddsmap.config.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.posterior.belief import sigmoid
 from oddsmap.sensors.inverse_model import logit

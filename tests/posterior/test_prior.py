@@ -23,7 +23,7 @@ from oddsmap import (
     load_octomap,
     load_ros,
 )
-from oddsmap.config import PosteriorConfig
+from oddsmap.config.config import PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.posterior.belief import sigmoid
 from oddsmap.posterior.prior import PRIOR_LIMIT, PriorArray, PriorMap

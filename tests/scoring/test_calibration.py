@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import oddsmap
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses import Pose2
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.readers.loaded import LoadedLog
 from oddsmap.scan import Scan
 from oddsmap.scoring.calibration import Calibration, calibrate

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from oddsmap import BeamSensor, EvidenceMap, GridScan, OverheadSensor, Pose2, build_map
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.integrate import add_scans
+from oddsmap.integrate.add import add_scans
 from oddsmap.posterior.belief import sigmoid
 from oddsmap.sensors.inverse_model import logit
 from tests.kit import ONE, Votes, fan_scan, votes_of

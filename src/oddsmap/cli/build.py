@@ -33,8 +33,8 @@ from oddsmap.cli.summary import (
 )
 
 if TYPE_CHECKING:
-    from oddsmap.config import Config
-    from oddsmap.integrate import Report
+    from oddsmap.config.config import Config
+    from oddsmap.integrate.add import Report
     from oddsmap.scan import Log
 
 __all__ = ["HELP", "build"]
@@ -124,7 +124,7 @@ def build(
     ] = False,
 ) -> None:
     """Map one or more logs: see `HELP`."""
-    from oddsmap.atomic import check_output
+    from oddsmap.atomic_write import check_output
     from oddsmap.errors import ConfigError
     from oddsmap.hold_out import every_of
     from oddsmap.hold_out import hold_out as without_every
@@ -214,9 +214,9 @@ def _evidence_map(
     force: bool,
 ) -> tuple[dict[str, Any], Report]:
     """Map with the filter and save; returns what there is to say of it."""
-    from oddsmap.evidence import EvidenceMap
-    from oddsmap.forgetting import last_stamp
-    from oddsmap.integrate import Report, add_log
+    from oddsmap.evidence.evidence import EvidenceMap
+    from oddsmap.integrate.add import Report, add_log
+    from oddsmap.integrate.forgetting import last_stamp
 
     first = configs[0]
     t_ref_ns = first.map.t_ref_ns

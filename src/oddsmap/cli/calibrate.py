@@ -85,7 +85,7 @@ def calibrate(
     ] = False,
 ) -> None:
     """Calibrate the sensor: see `HELP`."""
-    from oddsmap.atomic import atomic_output, check_output
+    from oddsmap.atomic_write import atomic_output, check_output
     from oddsmap.errors import ConfigError
     from oddsmap.readers import open_log
     from oddsmap.scoring.calibration import calibrate as calibrate_sensor

@@ -23,8 +23,8 @@ def demo(
     """Simulate a robot with a 2D LIDAR in an office, write its log, map it, draw the map."""
     import numpy as np
 
-    from oddsmap.atomic import check_output
-    from oddsmap.integrate import build_map
+    from oddsmap.atomic_write import check_output
+    from oddsmap.integrate.add import build_map
     from oddsmap.readers import open_log
     from oddsmap.simulate import Lidar2D, office_drive, office_plan, write_carmen
 

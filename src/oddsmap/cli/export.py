@@ -194,9 +194,9 @@ def _open(
     source: Path, *, prior: str | None, p_hit: float | None, p_miss: float | None
 ) -> Belief | VoxelMap:
     from oddsmap.errors import ConfigError
+    from oddsmap.evidence.store import load_map
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
     from oddsmap.posterior.full_map.store import is_full_map, load_full_map
-    from oddsmap.store import load_map
 
     kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
     if kind is not None and (prior, p_hit, p_miss) != (None, None, None):
@@ -213,10 +213,10 @@ def _open(
 def _prior(text: str, source: Path) -> float | MapLike:
     """What --prior says: a number, or the map in a file."""
     from oddsmap.errors import ConfigError
+    from oddsmap.evidence.store import is_map, load_map
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
     from oddsmap.export.ros_reader import load_ros
     from oddsmap.posterior.full_map.store import is_full_map
-    from oddsmap.store import is_map, load_map
 
     try:
         return float(text)

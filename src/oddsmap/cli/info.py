@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from oddsmap.evidence import EvidenceMap
+    from oddsmap.evidence.evidence import EvidenceMap
     from oddsmap.posterior.full_map.view import FullMap
     from oddsmap.scan import Log
     from oddsmap.voxels import VoxelMap
@@ -39,12 +39,12 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
     """Say what is in a log or in a map: see `HELP`."""
+    from oddsmap.evidence.store import is_map
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
     from oddsmap.posterior.full_map.store import is_full_map, load_full_map
-    from oddsmap.store import is_map
 
     if is_map(path):
-        from oddsmap.store import load_map
+        from oddsmap.evidence.store import load_map
 
         facts = _of_map(load_map(path), path)
     elif is_full_map(path):

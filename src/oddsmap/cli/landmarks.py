@@ -66,7 +66,7 @@ def landmarks(
     ] = False,
 ) -> None:
     """Map point landmarks: see `HELP`."""
-    from oddsmap.atomic import check_output
+    from oddsmap.atomic_write import check_output
     from oddsmap.errors import ConfigError, InputError
     from oddsmap.landmarks import LandmarkMap, read_observations
 

@@ -19,7 +19,7 @@ from oddsmap.cli.settings import (
 )
 
 if TYPE_CHECKING:
-    from oddsmap.config import Config
+    from oddsmap.config.config import Config
     from oddsmap.posterior.belief import Belief
     from oddsmap.scan import Log
     from oddsmap.scoring.held_out import LogScores
@@ -82,7 +82,7 @@ def score(
     ] = False,
 ) -> None:
     """Score a map: see `HELP`."""
-    from oddsmap.atomic import check_output
+    from oddsmap.atomic_write import check_output
     from oddsmap.errors import ConfigError
     from oddsmap.hold_out import hold_out
     from oddsmap.readers import open_log
@@ -132,8 +132,8 @@ def score(
 
 
 def _load(path: Path) -> tuple[Belief, Config, list[dict[str, Any]]]:
+    from oddsmap.evidence.store import load_map
     from oddsmap.posterior.full_map.store import is_full_map, load_full_map
-    from oddsmap.store import load_map
 
     if is_full_map(path):
         full_map = load_full_map(path)
@@ -158,7 +158,7 @@ def _held_out_of(provenance: list[dict[str, Any]], grid: Path, log: Path) -> int
 
 def _of_another_sensor(log: Log, sensor: Sensor, layers: Layers) -> str | None:
     """What to say where a log's beams are not as wide as they are predicted, and nobody asked."""
-    from oddsmap.integrate import said_of_sensor
+    from oddsmap.integrate.add import said_of_sensor
 
     asked = {name for _, values in layers for name in values.get("sensor", {})}
     said = said_of_sensor(log)
@@ -181,8 +181,8 @@ def _of_another_sensor(log: Log, sensor: Sensor, layers: Layers) -> str | None:
 
 def _settled(stored: Config, log: Log, layers: Layers) -> Config:
     """The map's configuration, with what the user says of the sensor."""
-    from oddsmap.config import resolve
-    from oddsmap.integrate import said_of_sensor
+    from oddsmap.config.config import resolve
+    from oddsmap.integrate.add import said_of_sensor
 
     kinds = [values["sensor"]["kind"] for _, values in layers if "kind" in values.get("sensor", {})]
     base = stored.to_dict()

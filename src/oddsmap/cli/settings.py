@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from oddsmap.config import Config
+    from oddsmap.config.config import Config
     from oddsmap.poses import Pose3
     from oddsmap.scan import Log
     from oddsmap.sensors.depth_camera import PinholeCamera
@@ -133,7 +133,7 @@ Layers = list[tuple[str, Layer]]
 
 def setting_layers(config: Path | None, flags: Layer, settings: list[str]) -> Layers:
     """Layers of settings, the strongest last: the file, the options by name, --set."""
-    from oddsmap.config import parse_setting, read_toml
+    from oddsmap.config.config import parse_setting, read_toml
 
     layers: Layers = []
     if config is not None:
@@ -198,8 +198,8 @@ def cores() -> int:
 
 def resolved(layers: Layers, log: Log) -> Config:
     """The configuration for a log: what it says of its sensor, and the layers above."""
-    from oddsmap.config import resolve
-    from oddsmap.integrate import said_of_sensor
+    from oddsmap.config.config import resolve
+    from oddsmap.integrate.add import said_of_sensor
 
     said = [values["sensor"]["kind"] for _, values in layers if "kind" in values.get("sensor", {})]
     kind = said[-1] if said else None

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from oddsmap.evidence import EvidenceMap
+    from oddsmap.evidence.evidence import EvidenceMap
     from oddsmap.posterior.full_map.view import FullMap
     from oddsmap.scan import Log
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from oddsmap.evidence import EvidenceMap
+    from oddsmap.evidence.evidence import EvidenceMap
 
 __all__ = ["flag", "write_decay", "write_reflection"]
 
@@ -98,9 +98,9 @@ def write_decay(source: Path, output: Path, given: Options, force: bool) -> list
 
 def _with_counts(source: Path) -> EvidenceMap:
     from oddsmap.errors import ConfigError
+    from oddsmap.evidence.store import load_map
     from oddsmap.export.octomap_reader import is_octomap
     from oddsmap.posterior.full_map.store import is_full_map
-    from oddsmap.store import load_map
 
     if is_octomap(source) or is_full_map(source):
         raise ConfigError(f"{source}: this view needs hits and passes, this map has none")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oddsmap.atomic import atomic_output, check_output
+from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError
 from oddsmap.probability_map import State, Thresholds
 from oddsmap.voxels import VoxelMap

@@ -19,7 +19,7 @@ from typing import get_args
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic import atomic_output, check_output
+from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.export.ros_reader import RosMode, read_greys
 from oddsmap.probability_map import ProbabilityMap, State, Thresholds

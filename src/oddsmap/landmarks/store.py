@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic import atomic_output
+from oddsmap.atomic_write import atomic_output
 from oddsmap.errors import ConfigError, InputError, OddsmapError
 from oddsmap.landmarks.landmark import Track
 from oddsmap.landmarks.landmark_map import LandmarkMap

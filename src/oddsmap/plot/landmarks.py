@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic import atomic_output, check_output
+from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.landmarks.landmark import Landmark
 from oddsmap.plot.picture import round_length

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic import atomic_output, check_output
+from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.probability_map import ProbabilityMap
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oddsmap.atomic import atomic_output, check_output
+from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.scoring.reliability import BINS, Reliability
 

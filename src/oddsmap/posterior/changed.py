@@ -29,10 +29,10 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.posterior.belief import sigmoid
 from oddsmap.posterior.log_odds import LogOdds
-from oddsmap.posterior.lookup import units_at
 from oddsmap.probability_map import ProbabilityMap
 
 __all__ = ["Changes", "changed"]

@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence import EvidenceMap
+from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.probability_map import ProbabilityMap
 

@@ -27,10 +27,10 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError
-from oddsmap.evidence import EvidenceMap
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.posterior.belief import Belief, Region
-from oddsmap.posterior.lookup import units_at
 from oddsmap.posterior.prior import PriorMap
 from oddsmap.probability_map import Thresholds
 from oddsmap.sensors.inverse_model import logit

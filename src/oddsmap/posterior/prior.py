@@ -22,8 +22,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.evidence import EvidenceMap
-from oddsmap.posterior.lookup import floor_cells, same_places
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.lookup import floor_cells, same_places
 from oddsmap.probability_map import ProbabilityMap
 from oddsmap.sensors.inverse_model import logit
 

@@ -22,7 +22,7 @@ import warnings
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.evidence import EvidenceMap
+from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.posterior.belief import Region
 from oddsmap.posterior.beta_view import BetaView, IntervalKind, Quantity

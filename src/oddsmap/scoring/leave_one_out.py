@@ -17,12 +17,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.kernels.infer.beam_factor import NAT
 from oddsmap.kernels.infer.responsibilities import LIKELIHOOD, causes
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.propagation import Propagation
 from oddsmap.posterior.full_map.rows import list_rows
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.forward import ForwardModel
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic import atomic_output
+from oddsmap.atomic_write import atomic_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses import Pose2
 from oddsmap.scan import Scan

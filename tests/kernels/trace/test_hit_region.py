@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, add_scans
-from oddsmap.cells import to_cells
-from oddsmap.integrate_lengths import LengthIntegrator
+from oddsmap.integrate.path_lengths import LengthIntegrator
+from oddsmap.integrate.to_cells import to_cells
 from oddsmap.kernels.trace.hit_region import walk
 from oddsmap.sensors.segments import Segments
 from tests.kit import ONE, add_beams, votes_of

@@ -14,9 +14,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import oddsmap
-import oddsmap.integrate3d
-from oddsmap.evidence import EvidenceMap
-from oddsmap.integrate3d import Integrator3D
+import oddsmap.integrate.rays3d
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.kernels.vote.rays3d import BIN_COUNT, sort_rays
 from oddsmap.poses import Pose3
 from oddsmap.scan import Scan
@@ -92,7 +92,7 @@ def test_long_codes_change_no_bit(scan: tuple[Point, list[Beam]], votes: str) ->
     short, long = (EvidenceMap(1.0, ndim=3, votes=votes) for _ in range(2))
     add_rays(short, *scan)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(oddsmap.integrate3d, "_SHORT_CODES", 0)
+        patch.setattr(oddsmap.integrate.rays3d, "_SHORT_CODES", 0)
         add_rays(long, *scan)
     assert votes_of(long) == votes_of(short)
 
@@ -356,7 +356,7 @@ def test_growing_in_the_middle_of_a_scan_changes_no_bit(
         self._used = self._used[:room].copy()
         rooms.append(room)
 
-    monkeypatch.setattr(oddsmap.integrate3d, "_FIRST_BLOCKS", 0)
+    monkeypatch.setattr(oddsmap.integrate.rays3d, "_FIRST_BLOCKS", 0)
     monkeypatch.setattr(Integrator3D, "_grow", grow_a_little)
     add_rays(cramped, origin, beams)
     assert len(rooms) >= 8

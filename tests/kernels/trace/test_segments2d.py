@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oddsmap
-import oddsmap.integrate2d
-from oddsmap.evidence import EvidenceMap
+import oddsmap.integrate.rays2d
+from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.kernels.trace import segments2d as segments
 from oddsmap.sensors.beam import BeamSensor
 from tests.kit import ONE, Votes, add_beams, fan_scan, votes_of
@@ -175,8 +175,8 @@ def test_blocks_change_no_bit(
     add_beams(whole, origin, beams)
     cut = EvidenceMap(1.0, votes=kind[0], sensor=sensor, tile_side=side)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(oddsmap.integrate2d, "_MARK_WINDOW", window)
-        patch.setattr(oddsmap.integrate2d, "_COUNT_WINDOW", window)
+        patch.setattr(oddsmap.integrate.rays2d, "_MARK_WINDOW", window)
+        patch.setattr(oddsmap.integrate.rays2d, "_COUNT_WINDOW", window)
         add_beams(cut, origin, beams)
     assert votes_of(cut) == votes_of(whole)
 

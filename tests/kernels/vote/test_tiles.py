@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oddsmap import tiles
 from oddsmap.errors import ConfigError, MapTooLargeError
+from oddsmap.evidence import tiles
+from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
     HITS,
@@ -22,7 +23,6 @@ from oddsmap.kernels.vote.tiles import (
     find,
     has_room,
 )
-from oddsmap.tiles import TileStore
 
 IntArray = npt.NDArray[np.int64]
 Sums = dict[tuple[int, ...], IntArray]

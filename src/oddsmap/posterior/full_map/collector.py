@@ -10,9 +10,9 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from oddsmap.config import Config
+from oddsmap.config.config import Config
 from oddsmap.errors import InputError
-from oddsmap.integrate import Report
+from oddsmap.integrate.add import Report
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.readings import ranging_sensor, usable_beams
 from oddsmap.scan import Log

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oddsmap.config import Config, MapConfig
+from oddsmap.config.config import Config, MapConfig
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError
-from oddsmap.integrate import Report, said_of_sensor
+from oddsmap.integrate.add import Report, said_of_sensor
 from oddsmap.posterior.full_map.collector import BeamCollector
 from oddsmap.posterior.full_map.field import CellField
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.scan import Log
 from oddsmap.sensors.cone import ConeSensor

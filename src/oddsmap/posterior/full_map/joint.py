@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
+from oddsmap.evidence.tiles import memory_limit
 from oddsmap.kernels.infer.beam_factor import NAT
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.kernels.infer.incremental_likelihood import count_bins
 from oddsmap.posterior.full_map.propagation import Propagation
 from oddsmap.posterior.full_map.sampling import FactorGraph, conditional_log_odds, gibbs, hill_climb
-from oddsmap.tiles import memory_limit
 
 __all__ = [
     "JointSamples",

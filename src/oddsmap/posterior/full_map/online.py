@@ -28,13 +28,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.config import Config, MapConfig
+from oddsmap.config.config import Config, MapConfig
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.integrate import Report
+from oddsmap.integrate.add import Report
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.posterior.full_map.field import CellField
 from oddsmap.posterior.full_map.readings import ranging_sensor, usable_beams
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.scan import Scan
 from oddsmap.sensors.cone import ConeSensor

@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.kernels.infer.beam_factor import (
     NAT,
     BeamRows,
@@ -25,7 +26,6 @@ from oddsmap.kernels.infer.beam_factor import (
 from oddsmap.kernels.infer.first_echo import Noise
 from oddsmap.kernels.infer.ising import pass_to_neighbours
 from oddsmap.posterior.full_map.field import CellField
-from oddsmap.posterior.full_map.settings import FullMapConfig
 
 __all__ = ["Propagation"]
 

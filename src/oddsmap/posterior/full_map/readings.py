@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from oddsmap.config import Config
+from oddsmap.config.config import Config
 from oddsmap.errors import ConfigError
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor

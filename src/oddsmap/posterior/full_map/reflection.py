@@ -30,9 +30,9 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.config import Config, MapConfig
+from oddsmap.config.config import Config, MapConfig
 from oddsmap.errors import ConfigError
-from oddsmap.integrate import said_of_sensor
+from oddsmap.integrate.add import said_of_sensor
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.posterior.beta_view import check_beta_prior
 from oddsmap.posterior.full_map.collector import BeamCollector

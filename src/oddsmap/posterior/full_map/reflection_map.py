@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.config import Config
-from oddsmap.integrate import Report
+from oddsmap.config.config import Config
+from oddsmap.integrate.add import Report
 from oddsmap.posterior.belief import Region
 from oddsmap.posterior.beta_view import BetaView, IntervalKind
 from oddsmap.posterior.full_map.blocks import dense_box, listed_cells

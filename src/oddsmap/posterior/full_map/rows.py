@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
+from oddsmap.evidence.tiles import memory_limit
 from oddsmap.kernels.infer.beam_factor import BeamRows
 from oddsmap.posterior.full_map.field import CellField, windows_of
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.forward import ForwardModel
-from oddsmap.tiles import memory_limit
 
 __all__ = ["list_rows", "note_observed"]
 

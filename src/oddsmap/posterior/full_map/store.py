@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A full map on disk: a Zarr folder, laid out as an evidence map's (see `oddsmap.store`).
+"""A full map on disk: a Zarr folder, laid out as an evidence map's (see `oddsmap.evidence.store`).
 
 `log_odds` (float32) and `marks` (see `FullMap`) cover the box of cells that beams list, rounded
 to whole shards; empty shards are not written. Where nothing is written `log_odds` is the prior's.
@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic import atomic_output
-from oddsmap.config import Config
+from oddsmap.atomic_write import atomic_output
+from oddsmap.config.config import Config
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.evidence.store import CHUNK, SHARD, shard_files
 from oddsmap.posterior.full_map.view import FullMap
-from oddsmap.store import CHUNK, SHARD, shard_files
 
 __all__ = ["is_full_map", "load_full_map", "save_full_map"]
 

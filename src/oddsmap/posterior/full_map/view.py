@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.config import Config
+from oddsmap.config.config import Config
 from oddsmap.kernels.infer.cell_status import LISTED, REACHED
 from oddsmap.posterior.belief import Belief, Region, sigmoid
 from oddsmap.posterior.full_map.blocks import dense_box, listed_cells
 
 if TYPE_CHECKING:
-    from oddsmap.integrate import Report
+    from oddsmap.integrate.add import Report
 
 __all__ = ["FullMap"]
 

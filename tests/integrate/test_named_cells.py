@@ -15,8 +15,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import oddsmap.integrate.threads
 import oddsmap.sensors.cone
-import oddsmap.workers
 from oddsmap import EvidenceMap, Pose2, Scan, add_scans, build_map, open_log
 from oddsmap.errors import InputError
 from oddsmap.poses import Pose3
@@ -37,7 +37,7 @@ seeds = st.integers(0, 10_000)
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(oddsmap.workers, "_BATCH_BEAMS", 50)
+    monkeypatch.setattr(oddsmap.integrate.threads, "_BATCH_BEAMS", 50)
     monkeypatch.setattr(oddsmap.sensors.cone, "_ENTRIES", 1 << 12)
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from oddsmap import EvidenceMap
 from oddsmap.errors import InputError
-from oddsmap.posterior.lookup import same_places, units_at
+from oddsmap.evidence.lookup import same_places, units_at
 from tests.kit import ONE, Votes, add_votes
 
 # Near, on both sides of a tile's border, and far away.

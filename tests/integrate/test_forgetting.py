@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import oddsmap.workers
+import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, add_scans, build_map, load_map
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.forgetting import last_stamp, scan_weight
+from oddsmap.integrate.forgetting import last_stamp, scan_weight
 from oddsmap.poses import Pose3
 from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
 from oddsmap.sensors.kinds import Measurement, Sensor
@@ -71,7 +71,7 @@ def mapped(
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(oddsmap.workers, "_BATCH_BEAMS", 100)
+    monkeypatch.setattr(oddsmap.integrate.threads, "_BATCH_BEAMS", 100)
 
 
 def weighed(votes: Votes, weight: int) -> Votes:

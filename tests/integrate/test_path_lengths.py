@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import oddsmap.workers
+import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, build_map, load_map
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.sensors.cone import ConeSensor
@@ -28,7 +28,7 @@ Lengths = dict[tuple[int, ...], int]
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(oddsmap.workers, "_BATCH_BEAMS", 100)
+    monkeypatch.setattr(oddsmap.integrate.threads, "_BATCH_BEAMS", 100)
 
 
 def scans_of(d: int, seed: int, count: int) -> list[Scan]:

@@ -8,13 +8,13 @@ import threading
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.cell_window import CellWindow
 from oddsmap.errors import ConfigError
+from oddsmap.evidence.tiles import TileStore
+from oddsmap.integrate.cell_window import CellWindow
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.vote.path_lengths import gather_lengths
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Sensor
-from oddsmap.tiles import TileStore
 
 __all__ = ["LengthIntegrator", "check_lengths"]
 

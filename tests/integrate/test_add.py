@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import oddsmap.workers
+import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, add_scans, build_map
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.kernels.vote.tiles import MAX_UNITS
@@ -46,7 +46,7 @@ def mapped(
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(oddsmap.workers, "_BATCH_BEAMS", 100)
+    monkeypatch.setattr(oddsmap.integrate.threads, "_BATCH_BEAMS", 100)
 
 
 @given(seeds, kinds, st.randoms(use_true_random=False))

@@ -12,11 +12,18 @@ import numpy as np
 import pytest
 
 from oddsmap import BeamSensor, ConeSensor, GridScan, Scan, build_map
-from oddsmap.config import Config, MapConfig, PosteriorConfig, parse_setting, read_toml, resolve
+from oddsmap.config.config import (
+    Config,
+    MapConfig,
+    PosteriorConfig,
+    parse_setting,
+    read_toml,
+    resolve,
+)
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.posterior.full_map.estimator import FullMapEstimator
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.kinds import KINDS, Measurement
 from oddsmap.sensors.window import Window

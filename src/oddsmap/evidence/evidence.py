@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.config import Config, MapConfig, PosteriorConfig
+from oddsmap.config.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.vote.tiles import HITS, ONE, PASSES
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Sensor
-from oddsmap.tiles import TileStore
 
 if TYPE_CHECKING:
-    from oddsmap.integrate import Report
+    from oddsmap.integrate.add import Report
     from oddsmap.posterior.decay import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import MapLike
@@ -295,7 +295,7 @@ class EvidenceMap:
         Raises:
             ConfigError: the map has no half-life, or the time is earlier than its own.
         """
-        from oddsmap.forgetting import rescaled
+        from oddsmap.integrate.forgetting import rescaled
 
         return rescaled(self, t_ref_ns)
 
@@ -371,15 +371,15 @@ class EvidenceMap:
         return DecayRate(self, shape=shape, rate=rate, level=level)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the map as a Zarr folder: see `oddsmap.store.save_map`."""
-        from oddsmap.store import save_map
+        """Write the map as a Zarr folder: see `oddsmap.evidence.store.save_map`."""
+        from oddsmap.evidence.store import save_map
 
         save_map(self, path, force=force)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> EvidenceMap:
-        """Read a map that `save` wrote: see `oddsmap.store.load_map`."""
-        from oddsmap.store import load_map
+        """Read a map that `save` wrote: see `oddsmap.evidence.store.load_map`."""
+        from oddsmap.evidence.store import load_map
 
         return load_map(path)
 

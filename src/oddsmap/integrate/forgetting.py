@@ -19,8 +19,8 @@ from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.kinds import Measurement
 
 if TYPE_CHECKING:
-    from oddsmap.evidence import EvidenceMap
-    from oddsmap.tiles import TileStore
+    from oddsmap.evidence.evidence import EvidenceMap
+    from oddsmap.evidence.tiles import TileStore
 
 __all__ = ["by_weight", "last_stamp", "rescaled", "scan_weight"]
 

@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence import EvidenceMap
-from oddsmap.forgetting import last_stamp
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.integrate.forgetting import last_stamp
+from oddsmap.integrate.threads import Team
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.scan import Log, Scan
 from oddsmap.sensors.beam import BeamSensor
@@ -30,7 +31,6 @@ from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
 from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
 from oddsmap.sensors.overhead import GridScan, OverheadSensor
-from oddsmap.workers import Team
 
 __all__ = ["Report", "add_log", "add_scans", "build_map", "said_of_sensor"]
 

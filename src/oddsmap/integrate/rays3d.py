@@ -10,10 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.cells import beam_shape, cells_near_return, to_cells
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.evidence import EvidenceMap
-from oddsmap.integrate_lengths import LengthIntegrator, check_lengths
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.tiles import TileStore, memory_limit
+from oddsmap.integrate.path_lengths import LengthIntegrator, check_lengths
+from oddsmap.integrate.to_cells import beam_shape, cells_near_return, to_cells
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.trace.rays3d import COLUMNS, RAYS
 from oddsmap.kernels.vote.cell_votes import apply_counts
@@ -22,7 +23,6 @@ from oddsmap.kernels.vote.rays3d import BIN_COUNT, SLABS, apply_marks, mark_scan
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Measurement
-from oddsmap.tiles import TileStore, memory_limit
 
 __all__ = ["Integrator3D"]
 

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
+from oddsmap.evidence.tiles import memory_limit
 from oddsmap.kernels.trace.clip_beams import ScanCells, cell_bounds
 from oddsmap.kernels.trace.hit_region import BeamShape
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.segments import Segments
-from oddsmap.tiles import memory_limit
 
 __all__ = ["MAX_COORDINATE", "beam_shape", "cells_near_return", "check_size", "to_cells"]
 

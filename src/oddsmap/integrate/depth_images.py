@@ -14,16 +14,16 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.cells import MAX_COORDINATE, check_size
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence import EvidenceMap
-from oddsmap.integrate3d import Integrator3D
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.tiles import TileStore
+from oddsmap.integrate.rays3d import Integrator3D
+from oddsmap.integrate.to_cells import MAX_COORDINATE, check_size
 from oddsmap.kernels.trace.clip_beams import BELOW, BODY, HEIGHT, LOST, NAN
 from oddsmap.kernels.vote.depth_image import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
 from oddsmap.sensors.kinds import Measurement
-from oddsmap.tiles import TileStore
 
 __all__ = ["ProjectiveIntegrator"]
 

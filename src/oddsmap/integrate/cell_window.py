@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
+from oddsmap.evidence.tiles import TileStore, memory_limit
 from oddsmap.kernels.vote.cell_votes import apply_counts
-from oddsmap.tiles import TileStore, memory_limit
 
 __all__ = ["CellWindow"]
 

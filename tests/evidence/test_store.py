@@ -14,11 +14,12 @@ import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oddsmap import BeamSensor, EvidenceMap, add_scans, build_map, load_map, store
-from oddsmap.config import PosteriorConfig
+from oddsmap import BeamSensor, EvidenceMap, add_scans, build_map, load_map
+from oddsmap.config.config import PosteriorConfig
 from oddsmap.errors import InputError, OddsmapError, OutputError
+from oddsmap.evidence import store
+from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.vote.tiles import MAX_UNITS
-from oddsmap.tiles import TileStore
 from tests.kit import ONE, Votes, add_votes, random_scans, votes_of
 
 UTM = (10_000_000, 108_000_000)

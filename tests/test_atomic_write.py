@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from oddsmap.atomic import atomic_output, check_output
+from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import OutputError
 
 

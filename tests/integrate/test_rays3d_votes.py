@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import oddsmap.integrate3d
-import oddsmap.workers
+import oddsmap.integrate.rays3d
+import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, build_map, load_map
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.kernels.vote.tiles import MAX_UNITS
@@ -45,7 +45,7 @@ def mapped(
 
 @pytest.fixture(autouse=True)
 def small_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(oddsmap.workers, "_BATCH_BEAMS", 100)
+    monkeypatch.setattr(oddsmap.integrate.threads, "_BATCH_BEAMS", 100)
 
 
 @given(seeds, kinds, st.randoms(use_true_random=False))
@@ -260,7 +260,7 @@ def test_no_memory_for_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     before = votes_of(evidence)
     monkeypatch.setattr(np, "zeros", none_left)
     with pytest.raises(MapTooLargeError, match=r"no memory for the 4\.0e\+06 blocks"):
-        oddsmap.integrate3d._new_table(4_000_000)
+        oddsmap.integrate.rays3d._new_table(4_000_000)
     monkeypatch.undo()
     assert votes_of(evidence) == before
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from oddsmap import BeamSensor, EvidenceMap, add_scans
-from oddsmap.config import PosteriorConfig
+from oddsmap.config.config import PosteriorConfig
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.kernels.vote.tiles import MAX_UNITS
 from tests.kit import ONE, Votes, add_votes, random_scans, votes_of

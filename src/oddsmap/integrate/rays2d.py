@@ -14,10 +14,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from oddsmap.cells import beam_shape, cells_near_return, to_cells
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.evidence import EvidenceMap
-from oddsmap.integrate_lengths import LengthIntegrator, check_lengths
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.tiles import TileStore
+from oddsmap.integrate.path_lengths import LengthIntegrator, check_lengths
+from oddsmap.integrate.to_cells import beam_shape, cells_near_return, to_cells
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.trace.segments2d import COLUMNS
 from oddsmap.kernels.vote.rays2d import DONE, FULL, SLABS, Room, count_votes, mark_votes
@@ -25,7 +26,6 @@ from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Measurement
 from oddsmap.sensors.segments import Segments
-from oddsmap.tiles import TileStore
 
 __all__ = ["Integrator2D"]
 

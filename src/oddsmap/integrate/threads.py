@@ -19,11 +19,11 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.evidence import EvidenceMap
-from oddsmap.forgetting import by_weight
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.tiles import TileStore
+from oddsmap.integrate.forgetting import by_weight
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import Measurement, Sensor
-from oddsmap.tiles import TileStore
 
 __all__ = ["Team"]
 
@@ -160,22 +160,22 @@ def _integrators(
     lock = threading.Lock()
     if not isinstance(sensor, BeamSensor):
         if evidence.lengths is not None:
-            from oddsmap.integrate_lengths import check_lengths
+            from oddsmap.integrate.path_lengths import check_lengths
 
             check_lengths(sensor)
-        from oddsmap.integrate_cells import CellIntegrator
+        from oddsmap.integrate.named_cells import CellIntegrator
 
         return [CellIntegrator(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
     if method == "projective":
-        from oddsmap.integrate_projective import ProjectiveIntegrator
+        from oddsmap.integrate.depth_images import ProjectiveIntegrator
 
         tiles = evidence.tiles
         return [ProjectiveIntegrator(evidence, sensor, tiles, lock) for _ in range(threads)]
     if evidence.ndim == 3:
-        from oddsmap.integrate3d import Integrator3D
+        from oddsmap.integrate.rays3d import Integrator3D
 
         return [Integrator3D(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
-    from oddsmap.integrate2d import Integrator2D
+    from oddsmap.integrate.rays2d import Integrator2D
 
     own = [evidence.tiles, *(evidence.new_tiles() for _ in range(threads - 1))]
     return [Integrator2D(evidence, sensor, tiles, lock) for tiles in own]

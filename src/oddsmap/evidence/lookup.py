@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.evidence import EvidenceMap
+from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.kernels.vote.tiles import FRACTION_BITS
 
 __all__ = ["floor_cells", "same_places", "units_at"]

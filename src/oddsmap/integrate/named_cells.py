@@ -9,14 +9,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from oddsmap.cell_window import CellWindow
 from oddsmap.errors import InputError
-from oddsmap.evidence import EvidenceMap
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.tiles import TileStore
+from oddsmap.integrate.cell_window import CellWindow
 from oddsmap.kernels.vote.cell_votes import cell_box, gather_cells
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.cell_votes import CellVotes
 from oddsmap.sensors.kinds import CellSensor, Measurement
-from oddsmap.tiles import TileStore
 
 __all__ = ["CellIntegrator"]
 

@@ -23,12 +23,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic import atomic_output
-from oddsmap.config import Config
+from oddsmap.atomic_write import atomic_output
+from oddsmap.config.config import Config
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence import EvidenceMap
+from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.vote.tiles import MAX_UNITS, ONE, PASSES
-from oddsmap.tiles import TileStore
 
 if TYPE_CHECKING:
     import zarr

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError
-from oddsmap.posterior.full_map.settings import FullMapConfig
 from oddsmap.probability_map import Thresholds
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.kinds import KINDS, Sensor
