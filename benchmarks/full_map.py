@@ -38,13 +38,13 @@ from benchmarks.sonar_accuracy import CASES, score_all  # noqa: E402
 from oddsmap import Pose2, Scan  # noqa: E402
 from oddsmap.config.config import Config, MapConfig  # noqa: E402
 from oddsmap.config.full_map import FullMapConfig  # noqa: E402
+from oddsmap.forward.beam_rows import list_rows  # noqa: E402
+from oddsmap.forward.cell_grid import CellField  # noqa: E402
+from oddsmap.full_map.belief_propagation import Propagation  # noqa: E402
+from oddsmap.full_map.estimator import build_full_map  # noqa: E402
+from oddsmap.full_map.online import OnlineFullMap  # noqa: E402
+from oddsmap.full_map.readings import usable_beams  # noqa: E402
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, passing_messages  # noqa: E402
-from oddsmap.posterior.full_map.estimator import build_full_map  # noqa: E402
-from oddsmap.posterior.full_map.field import CellField  # noqa: E402
-from oddsmap.posterior.full_map.online import OnlineFullMap  # noqa: E402
-from oddsmap.posterior.full_map.propagation import Propagation  # noqa: E402
-from oddsmap.posterior.full_map.readings import usable_beams  # noqa: E402
-from oddsmap.posterior.full_map.rows import list_rows  # noqa: E402
 from oddsmap.sensors.cone import ConeSensor  # noqa: E402
 from oddsmap.simulate import Sonar2D  # noqa: E402
 

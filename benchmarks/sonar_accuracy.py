@@ -22,13 +22,13 @@ from benchmarks.peers.thrun_em import thrun_em
 from oddsmap import Scan, build_map, evaluate, open_log
 from oddsmap.config.config import Config, MapConfig
 from oddsmap.config.full_map import FullMapConfig
+from oddsmap.forward.beam_rows import list_rows
+from oddsmap.forward.cell_grid import CellField
+from oddsmap.full_map.estimator import build_full_map
+from oddsmap.full_map.online import OnlineFullMap
+from oddsmap.full_map.readings import usable_beams
 from oddsmap.integrate.add import said_of_sensor
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows
-from oddsmap.posterior.full_map.estimator import build_full_map
-from oddsmap.posterior.full_map.field import CellField
-from oddsmap.posterior.full_map.online import OnlineFullMap
-from oddsmap.posterior.full_map.readings import usable_beams
-from oddsmap.posterior.full_map.rows import list_rows
 from oddsmap.sensors.cone import ConeSensor
 
 __all__ = ["CASES", "Case", "load_cases", "score_all"]

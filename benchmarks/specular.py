@@ -32,13 +32,13 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 import oddsmap  # noqa: E402
 from oddsmap.config.config import Config, MapConfig  # noqa: E402
 from oddsmap.config.full_map import FullMapConfig  # noqa: E402
+from oddsmap.forward.beam_rows import list_rows  # noqa: E402
+from oddsmap.forward.cell_grid import CellField  # noqa: E402
+from oddsmap.full_map.belief_propagation import Propagation  # noqa: E402
+from oddsmap.full_map.readings import usable_beams  # noqa: E402
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, beam_room, chances, factor  # noqa: E402
 from oddsmap.kernels.infer.first_echo import Noise  # noqa: E402
 from oddsmap.kernels.jit import kernel  # noqa: E402
-from oddsmap.posterior.full_map.field import CellField  # noqa: E402
-from oddsmap.posterior.full_map.propagation import Propagation  # noqa: E402
-from oddsmap.posterior.full_map.readings import usable_beams  # noqa: E402
-from oddsmap.posterior.full_map.rows import list_rows  # noqa: E402
 from oddsmap.scoring.truth import evaluate  # noqa: E402
 from oddsmap.sensors.cone import ConeSensor  # noqa: E402
 

@@ -19,8 +19,8 @@ from oddsmap.simulate import GlassScene, GlassSensor, glass_path, glass_scene
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from oddsmap.posterior.beta_view import BetaView
-    from oddsmap.posterior.full_map.reflection import ReflectionMethod
+    from oddsmap.full_map.reflection import ReflectionMethod
+    from oddsmap.posterior.reflectivity import BetaView
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]

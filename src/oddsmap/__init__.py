@@ -27,23 +27,26 @@ if TYPE_CHECKING:
     from oddsmap.evidence.store import load_map
     from oddsmap.export.octomap_reader import load_octomap
     from oddsmap.export.ros_reader import load_ros
+    from oddsmap.forward.beams import Beams
+    from oddsmap.forward.model import ForwardModel
+    from oddsmap.forward.occupancy_box import Window
+    from oddsmap.full_map.estimator import FullMapEstimator, build_full_map
+    from oddsmap.full_map.exact import ExactPosterior
+    from oddsmap.full_map.full_map import FullMap
+    from oddsmap.full_map.online import OnlineFullMap
+    from oddsmap.full_map.reflection import build_reflection_map
+    from oddsmap.full_map.reflection_map import ReflectionMap
+    from oddsmap.full_map.store import load_full_map
     from oddsmap.integrate.add import add_scans, build_map
     from oddsmap.landmarks.landmark_map import LandmarkMap
     from oddsmap.poses import Pose2, Pose3
-    from oddsmap.posterior.changed import changed
-    from oddsmap.posterior.decay import DecayRate
-    from oddsmap.posterior.exact import ExactPosterior
-    from oddsmap.posterior.full_map.estimator import FullMapEstimator, build_full_map
-    from oddsmap.posterior.full_map.online import OnlineFullMap
-    from oddsmap.posterior.full_map.reflection import build_reflection_map
-    from oddsmap.posterior.full_map.reflection_map import ReflectionMap
-    from oddsmap.posterior.full_map.store import load_full_map
-    from oddsmap.posterior.full_map.view import FullMap
+    from oddsmap.posterior.changes import changed
+    from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.probability_map import ProbabilityMap, State, Thresholds
-    from oddsmap.projection import project
+    from oddsmap.projection.project import project
     from oddsmap.readers import open_log
     from oddsmap.scan import Log, Scan
     from oddsmap.scoring.calibration import calibrate
@@ -51,10 +54,7 @@ if TYPE_CHECKING:
     from oddsmap.scoring.truth import evaluate
     from oddsmap.sensors.beam import BeamSensor
     from oddsmap.sensors.cone import ConeSensor
-    from oddsmap.sensors.cone_beams import Beams
-    from oddsmap.sensors.forward import ForwardModel
     from oddsmap.sensors.overhead import GridScan, OverheadSensor
-    from oddsmap.sensors.window import Window
     from oddsmap.voxels import VoxelMap
 
 __version__ = "0.1.0"
@@ -112,16 +112,16 @@ __all__ = [
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
 _HOME = {
     "BeamSensor": "sensors.beam",
-    "Beams": "sensors.cone_beams",
+    "Beams": "forward.beams",
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
-    "DecayRate": "posterior.decay",
+    "DecayRate": "posterior.decay_rate",
     "EvidenceMap": "evidence.evidence",
-    "ExactPosterior": "posterior.exact",
-    "ForwardModel": "sensors.forward",
-    "FullMap": "posterior.full_map.view",
+    "ExactPosterior": "full_map.exact",
+    "ForwardModel": "forward.model",
+    "FullMap": "full_map.full_map",
     "FullMapConfig": "config.full_map",
-    "FullMapEstimator": "posterior.full_map.estimator",
+    "FullMapEstimator": "full_map.estimator",
     "GridScan": "sensors.overhead",
     "InputError": "errors",
     "LandmarkMap": "landmarks.landmark_map",
@@ -129,7 +129,7 @@ _HOME = {
     "LogOdds": "posterior.log_odds",
     "MapTooLargeError": "errors",
     "OddsmapError": "errors",
-    "OnlineFullMap": "posterior.full_map.online",
+    "OnlineFullMap": "full_map.online",
     "OutputError": "errors",
     "OverheadSensor": "sensors.overhead",
     "Pose2": "poses",
@@ -137,25 +137,25 @@ _HOME = {
     "PriorArray": "posterior.prior",
     "ProbabilityMap": "probability_map",
     "Reflection": "posterior.reflection",
-    "ReflectionMap": "posterior.full_map.reflection_map",
+    "ReflectionMap": "full_map.reflection_map",
     "Scan": "scan",
     "State": "probability_map",
     "Thresholds": "probability_map",
     "VoxelMap": "voxels",
-    "Window": "sensors.window",
+    "Window": "forward.occupancy_box",
     "add_scans": "integrate.add",
-    "build_full_map": "posterior.full_map.estimator",
+    "build_full_map": "full_map.estimator",
     "build_map": "integrate.add",
-    "build_reflection_map": "posterior.full_map.reflection",
+    "build_reflection_map": "full_map.reflection",
     "calibrate": "scoring.calibration",
-    "changed": "posterior.changed",
+    "changed": "posterior.changes",
     "evaluate": "scoring.truth",
-    "load_full_map": "posterior.full_map.store",
+    "load_full_map": "full_map.store",
     "load_map": "evidence.store",
     "load_octomap": "export.octomap_reader",
     "load_ros": "export.ros_reader",
     "open_log": "readers",
-    "project": "projection",
+    "project": "projection.project",
     "score_map": "scoring.held_out",
 }
 

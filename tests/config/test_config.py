@@ -22,12 +22,12 @@ from oddsmap.config.config import (
 )
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError
+from oddsmap.forward.beams import Beams
+from oddsmap.forward.occupancy_box import Window
+from oddsmap.full_map.estimator import FullMapEstimator
 from oddsmap.poses import Pose2, Pose3
-from oddsmap.posterior.full_map.estimator import FullMapEstimator
-from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.kinds import KINDS, Measurement
-from oddsmap.sensors.window import Window
-from tests.posterior.full_map_kit import room
+from tests.full_map.kit import room
 
 HOLDERS: dict[str, Any] = {
     "map": MapConfig,

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
+from oddsmap.forward.model import ForwardModel
 from oddsmap.kernels.infer.beam_factor import BeamRows
-from oddsmap.sensors.forward import ForwardModel
 from tests.naive.forward import likelihood
 
 RESOLUTION = 0.1

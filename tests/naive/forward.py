@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 
-from oddsmap.sensors.forward import ForwardModel
+from oddsmap.forward.model import ForwardModel
 
 Cell = tuple[int, ...]
 Listed = dict[Cell, tuple[int, float, float]]

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from oddsmap.sensors.forward import ForwardModel
+from oddsmap.forward.model import ForwardModel
 from tests.naive.forward import first_echo
 
 

@@ -15,15 +15,15 @@ import pytest
 import oddsmap
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.forward.model import ForwardModel
+from oddsmap.forward.occupancy_box import Window
 from oddsmap.poses import Pose2
 from oddsmap.readers.loaded import LoadedLog
 from oddsmap.scan import Scan
 from oddsmap.scoring.calibration import Calibration, calibrate
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.forward import ForwardModel
 from oddsmap.sensors.overhead import OverheadSensor
-from oddsmap.sensors.window import Window
 from oddsmap.simulate.sonar2d import Sonar2D
 
 CELL = 0.1

@@ -13,6 +13,8 @@ import pytest
 
 import oddsmap
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.forward.beams import Beams
+from oddsmap.forward.occupancy_box import Window
 from oddsmap.poses import Pose2, Pose3
 from oddsmap.posterior.belief import Belief, Region
 from oddsmap.posterior.log_odds import LogOdds
@@ -22,10 +24,8 @@ from oddsmap.scoring import held_out
 from oddsmap.scoring.held_out import LogScores, score_map
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.cone_beams import Beams
 from oddsmap.sensors.inverse_model import logit
 from oddsmap.sensors.overhead import OverheadSensor
-from oddsmap.sensors.window import Window
 
 FloatArray = npt.NDArray[np.float64]
 

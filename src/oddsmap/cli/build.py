@@ -264,7 +264,7 @@ def _full_map(
 ) -> tuple[dict[str, Any], Report]:
     """Estimate the whole map and save; returns what there is to say of it."""
     from oddsmap.errors import ConfigError
-    from oddsmap.posterior.full_map.estimator import FullMapEstimator
+    from oddsmap.full_map.estimator import FullMapEstimator
 
     if method != "rays":
         raise ConfigError(f"--method {method} belongs to --estimator filter")

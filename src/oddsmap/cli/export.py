@@ -196,7 +196,7 @@ def _open(
     from oddsmap.errors import ConfigError
     from oddsmap.evidence.store import load_map
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
-    from oddsmap.posterior.full_map.store import is_full_map, load_full_map
+    from oddsmap.full_map.store import is_full_map, load_full_map
 
     kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
     if kind is not None and (prior, p_hit, p_miss) != (None, None, None):
@@ -216,7 +216,7 @@ def _prior(text: str, source: Path) -> float | MapLike:
     from oddsmap.evidence.store import is_map, load_map
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
     from oddsmap.export.ros_reader import load_ros
-    from oddsmap.posterior.full_map.store import is_full_map
+    from oddsmap.full_map.store import is_full_map
 
     try:
         return float(text)
@@ -251,7 +251,7 @@ def _plane(
 ) -> tuple[ProbabilityMap, Thresholds | None]:
     from oddsmap.errors import ConfigError
     from oddsmap.posterior.belief import Belief
-    from oddsmap.projection import project
+    from oddsmap.projection.project import project
 
     banded = z_min is not None or z_max is not None
     thresholds = view.thresholds if isinstance(view, Belief) else None

@@ -11,7 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from oddsmap.evidence.evidence import EvidenceMap
-    from oddsmap.posterior.full_map.view import FullMap
+    from oddsmap.full_map.full_map import FullMap
     from oddsmap.scan import Log
     from oddsmap.voxels import VoxelMap
 
@@ -41,7 +41,7 @@ def info(
     """Say what is in a log or in a map: see `HELP`."""
     from oddsmap.evidence.store import is_map
     from oddsmap.export.octomap_reader import is_octomap, load_octomap
-    from oddsmap.posterior.full_map.store import is_full_map, load_full_map
+    from oddsmap.full_map.store import is_full_map, load_full_map
 
     if is_map(path):
         from oddsmap.evidence.store import load_map

@@ -92,7 +92,7 @@ def landmarks(
     if not facts["landmarks"]:
         raise InputError(f"{observations}: {_why_none(found, table)}")
     if suffix == ".png":
-        from oddsmap.plot.landmarks import save_landmarks_png
+        from oddsmap.landmarks.picture import save_landmarks_png
 
         save_landmarks_png(found.landmarks, output, trajectory=table.poses[:, :2], force=force)
     else:

@@ -110,7 +110,7 @@ def score(
     scores = score_map(belief, part, sensor)
     facts = {"map": str(grid), "log": str(log), "held_out_every": every, **_facts(scores)}
     if plot is not None:
-        from oddsmap.plot.reliability import save_reliability_png
+        from oddsmap.scoring.picture import save_reliability_png
 
         save_reliability_png(
             scores.reliability, plot, title=f"{grid.name}, {scores.beams:,} beams", force=force
@@ -133,7 +133,7 @@ def score(
 
 def _load(path: Path) -> tuple[Belief, Config, list[dict[str, Any]]]:
     from oddsmap.evidence.store import load_map
-    from oddsmap.posterior.full_map.store import is_full_map, load_full_map
+    from oddsmap.full_map.store import is_full_map, load_full_map
 
     if is_full_map(path):
         full_map = load_full_map(path)

@@ -73,7 +73,7 @@ def _check_uses(given: Options, output: Path) -> None:
 
 
 def write_decay(source: Path, output: Path, given: Options, force: bool) -> list[Path]:
-    """Write the decay rates, see `oddsmap.posterior.decay.DecayRate`."""
+    """Write the decay rates, see `oddsmap.posterior.decay_rate.DecayRate`."""
     from oddsmap.errors import ConfigError
 
     suffix, show = output.suffix.lower(), given.get("show", "mean")
@@ -100,7 +100,7 @@ def _with_counts(source: Path) -> EvidenceMap:
     from oddsmap.errors import ConfigError
     from oddsmap.evidence.store import load_map
     from oddsmap.export.octomap_reader import is_octomap
-    from oddsmap.posterior.full_map.store import is_full_map
+    from oddsmap.full_map.store import is_full_map
 
     if is_octomap(source) or is_full_map(source):
         raise ConfigError(f"{source}: this view needs hits and passes, this map has none")

@@ -25,7 +25,7 @@ from oddsmap.sensors.kinds import Sensor
 
 if TYPE_CHECKING:
     from oddsmap.integrate.add import Report
-    from oddsmap.posterior.decay import DecayRate
+    from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import MapLike
     from oddsmap.posterior.reflection import IntervalKind, Reflection
@@ -359,14 +359,14 @@ class EvidenceMap:
     def decay_rate(
         self, *, shape: float = 1.0, rate: float | None = None, level: float = 0.95
     ) -> DecayRate:
-        """How soon beams end in a cell: see `oddsmap.posterior.decay.DecayRate`.
+        """How soon beams end in a cell: see `oddsmap.posterior.decay_rate.DecayRate`.
 
         Args:
             shape: the Gamma prior's weight of hits.
             rate: its length without a hit [m]; None: the side of a cell.
             level: of credible intervals.
         """
-        from oddsmap.posterior.decay import DecayRate
+        from oddsmap.posterior.decay_rate import DecayRate
 
         return DecayRate(self, shape=shape, rate=rate, level=level)
 

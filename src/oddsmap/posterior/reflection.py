@@ -25,7 +25,7 @@ import numpy.typing as npt
 from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.posterior.belief import Region
-from oddsmap.posterior.beta_view import BetaView, IntervalKind, Quantity
+from oddsmap.posterior.reflectivity import BetaView, IntervalKind, Quantity
 
 __all__ = ["IntervalKind", "Quantity", "Reflection"]
 

@@ -25,8 +25,8 @@ import numpy as np
 
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.full_map.readings import usable_beams
 from oddsmap.integrate.add import said_of_sensor
-from oddsmap.posterior.full_map.readings import usable_beams
 from oddsmap.scan import Log
 from oddsmap.scoring.fit import NOISE, Fit
 from oddsmap.sensors.beam import BeamSensor

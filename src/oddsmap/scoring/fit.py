@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from oddsmap.forward.model import ForwardModel
 from oddsmap.scoring.search import climb
-from oddsmap.sensors.forward import ForwardModel
 
 if TYPE_CHECKING:
     from oddsmap.scoring.leave_one_out import LeaveOneOut

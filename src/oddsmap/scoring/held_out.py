@@ -11,16 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.forward.beams import Beams
+from oddsmap.forward.cell_grid import Window
+from oddsmap.forward.model import ForwardModel
+from oddsmap.full_map.readings import usable_beams
 from oddsmap.posterior.belief import Belief
-from oddsmap.posterior.full_map.field import Window
-from oddsmap.posterior.full_map.readings import usable_beams
 from oddsmap.scan import Log
 from oddsmap.scoring.marginals import Marginals
 from oddsmap.scoring.reliability import BINS, Reliability
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.cone_beams import Beams
-from oddsmap.sensors.forward import ForwardModel
 from oddsmap.sensors.kinds import Measurement, Sensor
 from oddsmap.sensors.segments import ranges_of
 

@@ -18,13 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.config.full_map import FullMapConfig
+from oddsmap.forward.beam_rows import list_rows
+from oddsmap.forward.beams import Beams
+from oddsmap.forward.cell_grid import CellField
+from oddsmap.forward.model import ForwardModel
+from oddsmap.full_map.belief_propagation import Propagation
 from oddsmap.kernels.infer.beam_factor import NAT
 from oddsmap.kernels.infer.responsibilities import LIKELIHOOD, causes
-from oddsmap.posterior.full_map.field import CellField
-from oddsmap.posterior.full_map.propagation import Propagation
-from oddsmap.posterior.full_map.rows import list_rows
-from oddsmap.sensors.cone_beams import Beams
-from oddsmap.sensors.forward import ForwardModel
 
 __all__ = ["LeaveOneOut"]
 

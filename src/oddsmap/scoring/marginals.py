@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.forward.beams import BeamCells
+from oddsmap.forward.cell_grid import CellField, Window, windows_of
+from oddsmap.full_map.full_map import FullMap
 from oddsmap.posterior.belief import Belief, sigmoid
-from oddsmap.posterior.full_map.field import CellField, Window, windows_of
-from oddsmap.posterior.full_map.view import FullMap
 from oddsmap.posterior.log_odds import LogOdds
-from oddsmap.sensors.cone_beams import BeamCells
 
 __all__ = ["Marginals"]
 

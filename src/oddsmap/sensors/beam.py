@@ -23,7 +23,7 @@ from oddsmap.errors import ConfigError
 from oddsmap.sensors.inverse_model import beam_weights, logit
 
 if TYPE_CHECKING:
-    from oddsmap.sensors.forward import ForwardModel
+    from oddsmap.forward.model import ForwardModel
     from oddsmap.sensors.kinds import Measurement
     from oddsmap.sensors.segments import Segments
 
@@ -153,7 +153,7 @@ class BeamSensor:
         Raises:
             ConfigError: range_max is not set, or p_random is 0.
         """
-        from oddsmap.sensors.forward import ForwardModel
+        from oddsmap.forward.model import ForwardModel
 
         if self.range_max is None:
             raise ConfigError(NO_RANGE_MAX)

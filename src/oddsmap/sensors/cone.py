@@ -27,8 +27,8 @@ from oddsmap.sensors.cell_votes import CellVotes
 from oddsmap.sensors.segments import ranges_of
 
 if TYPE_CHECKING:
+    from oddsmap.forward.model import ForwardModel
     from oddsmap.kernels.vote.cone_votes import Cones, Room
-    from oddsmap.sensors.forward import ForwardModel
     from oddsmap.sensors.kinds import Measurement
 
 __all__ = ["ConeSensor"]
@@ -151,7 +151,7 @@ class ConeSensor:
         Raises:
             ConfigError: range_max is not set, or p_random is 0.
         """
-        from oddsmap.sensors.forward import ForwardModel
+        from oddsmap.forward.model import ForwardModel
 
         if self.range_max is None:
             raise ConfigError(NO_RANGE_MAX)

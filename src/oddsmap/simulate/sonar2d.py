@@ -3,7 +3,7 @@
 
 Readings come from the true geometry of a grid, not from a sensor model of range bins, so that an
 estimator is not tried on its own assumptions. Readings drawn from the model itself are
-`oddsmap.sensors.forward.ForwardModel.simulate`'s.
+`oddsmap.forward.model.ForwardModel.simulate`'s.
 """
 
 from __future__ import annotations

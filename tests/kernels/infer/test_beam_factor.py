@@ -9,6 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from oddsmap.forward.model import ForwardModel
 from oddsmap.kernels.infer.beam_factor import (
     NAT,
     apply_messages,
@@ -16,7 +17,6 @@ from oddsmap.kernels.infer.beam_factor import (
     passing_messages,
     sweep_in_turn,
 )
-from oddsmap.sensors.forward import ForwardModel
 from tests.naive.beam_factor import (
     RESOLUTION,
     Beam,

@@ -12,6 +12,7 @@ import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 
+from oddsmap.forward.model import ForwardModel
 from oddsmap.kernels.infer.beam_factor import BeamRows
 from oddsmap.kernels.infer.beta_factor import (
     VOTE,
@@ -20,7 +21,6 @@ from oddsmap.kernels.infer.beta_factor import (
     filter_beams,
     revisit_beams,
 )
-from oddsmap.sensors.forward import ForwardModel
 from tests.naive.beam_factor import (
     RESOLUTION,
     Beam,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from hypothesis import given
 from hypothesis import strategies as st
 
+from oddsmap.forward.model import ForwardModel
 from oddsmap.kernels.infer.beam_factor import BeamRows
 from oddsmap.kernels.infer.cell_flips import climb_sweep, conditional, gibbs_sweep
 from oddsmap.kernels.infer.incremental_likelihood import (
@@ -20,7 +21,6 @@ from oddsmap.kernels.infer.incremental_likelihood import (
     renew_all,
     turn_rows,
 )
-from oddsmap.sensors.forward import ForwardModel
 from tests.naive.beam_factor import (
     RESOLUTION,
     Beam,

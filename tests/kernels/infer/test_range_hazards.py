@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from oddsmap.forward.model import ForwardModel
 from oddsmap.kernels.infer.range_hazards import tally_hazards
-from oddsmap.sensors.forward import ForwardModel
 from tests.naive import predictions as naive
 
 BINS = 15

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from oddsmap.forward.model import ForwardModel
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows
 from oddsmap.kernels.infer.responsibilities import DROPOUT, LIKELIHOOD, RANDOM, SQUARES, causes
-from oddsmap.sensors.forward import ForwardModel
 from tests.naive import predictions as naive
 
 MODEL = ForwardModel(

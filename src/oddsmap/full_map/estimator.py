@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole map at once, from p(z | map, pose): batch estimation.
+
+    scans -> usable_beams        # readings.py: what carries information
+          -> list_rows           # rows.py: the cells of each beam, numbered
+          -> Propagation.run     # propagation.py: messages until they rest
+         (-> gibbs, hill_climb   # joint.py: from there on, where they are asked for)
+          -> FullMap             # view.py
+
+docs/method/full-map.md explains the method.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from oddsmap.config.config import Config, MapConfig
+from oddsmap.config.full_map import FullMapConfig
+from oddsmap.errors import ConfigError
+from oddsmap.forward.beams import Beams
+from oddsmap.forward.cell_grid import CellField
+from oddsmap.full_map.collector import BeamCollector
+from oddsmap.full_map.full_map import FullMap
+from oddsmap.integrate.add import Report, said_of_sensor
+from oddsmap.scan import Log
+from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
+
+if TYPE_CHECKING:
+    from oddsmap.full_map.belief_propagation import Propagation
+    from oddsmap.full_map.joint_samples import JointSamples
+
+__all__ = ["FullMapEstimator", "build_full_map"]
+
+
+def build_full_map(
+    log: Log | Iterable[Measurement],
+    resolution: float,
+    *,
+    sensor: Sensor | None = None,
+    settings: FullMapConfig | None = None,
+    threads: int = 1,
+    progress: Callable[[int, float], None] | None = None,
+) -> FullMap:
+    """Estimate the whole map from a log: the way to go for wide beams.
+
+    Args:
+        log: what `open_log` gives, or any scans.
+        resolution: side of a cell [m].
+        sensor: the sensor model; default: what the log says of its sensor, as in `build_map`.
+        settings: how beliefs are propagated.
+        threads: how many to work with; changes no bit of the result.
+        progress: called after each sweep with its number and the residual [nats].
+
+    Returns:
+        The map; its `report` says what was used and what was skipped.
+
+    Raises:
+        InputError: no usable scan, or scans of the plane and of space together.
+        ConfigError: a parameter outside its range, or a sensor without range_max.
+        MapTooLargeError: it would not fit in memory.
+    """
+    if sensor is None:
+        said = said_of_sensor(log)
+        sensor = KINDS[said.pop("kind")](**said)
+    config = Config(
+        map=MapConfig(resolution=float(resolution), votes=sensor.default_votes),
+        sensor=sensor,
+        full_map=settings or FullMapConfig(),
+    )
+    estimator = FullMapEstimator(config, threads=threads)
+    estimator.add_log(log)
+    return estimator.estimate(progress)
+
+
+class FullMapEstimator:
+    """Collects beams and estimates the map that explains them.
+
+    Args:
+        config: resolution, sensor and settings.
+        threads: how many to work with; changes no bit of the result.
+
+    Raises:
+        ConfigError: the sensor has no forward model, a parameter is outside its range, or a
+            setting of the filter is set.
+    """
+
+    def __init__(self, config: Config, *, threads: int = 1) -> None:
+        self._beams = BeamCollector(config, "full-map")
+        if threads < 1:
+            raise ConfigError(f"threads: at least 1 is needed, got {threads}")
+        self.config = config
+        self._threads = threads
+
+    @property
+    def report(self) -> Report:
+        """What was used and what was skipped by the last `estimate` or `sample`."""
+        return self._beams.report
+
+    def add_log(self, log: Log | Iterable[Measurement]) -> None:
+        """Take all scans of a log, and note it in the map's provenance."""
+        self._beams.add_log(log)
+
+    def estimate(self, progress: Callable[[int, float], None] | None = None) -> FullMap:
+        """Estimate the map; errors and result as in `build_full_map`."""
+        from oddsmap.full_map.joint_samples import log_odds_by_climbing, log_odds_by_gibbs
+        from oddsmap.kernels.infer.beam_factor import NAT
+
+        work, sweeps, residual, started = self._propagate(
+            progress, joint=self.config.full_map.method != "sum-product"
+        )
+        field = work.field
+        if self.config.full_map.method == "gibbs":
+            log_odds, residual = log_odds_by_gibbs(work)
+            sweeps = self.config.full_map.samples
+        elif self.config.full_map.method == "map":
+            log_odds, sweeps, residual = log_odds_by_climbing(work)
+        else:
+            log_odds = field.belief / NAT
+        self.report.integrate_s += time.perf_counter() - started
+        full_map = FullMap(
+            self.config,
+            field.coords,
+            log_odds.astype(np.float32).reshape(-1, field.block_cells),
+            field.observed.reshape(-1, field.block_cells),
+            sweeps=sweeps,
+            residual=residual,
+        )
+        full_map.report = self.report
+        chosen = self.config.full_map.values_in(field.ndim)
+        full_map.provenance = [{**entry, **chosen} for entry in self._beams.provenance]
+        return full_map
+
+    def sample(
+        self,
+        count: int,
+        *,
+        every: int = 10,
+        progress: Callable[[int, float], None] | None = None,
+    ) -> JointSamples:
+        """Draw whole maps from p(m | z_1:t), by Gibbs sampling from where sum-product ends.
+
+        Neighbouring cells of one map fit each other, as they do not where each is drawn from its
+        own probability: for planners that want to know if a gap is open, not how likely a cell.
+        Seed, burn-in and the rest are those of the settings, whatever their method.
+
+        Args:
+            count: how many maps.
+            every: sweeps from one map to the next; maps a few sweeps apart are alike.
+            progress: as in `build_full_map`, of the sum-product sweeps.
+
+        Raises:
+            ConfigError: count or every is below 1.
+            InputError: as in `build_full_map`, and MapTooLargeError too.
+        """
+        from oddsmap.full_map.joint_samples import draw_maps
+
+        for name, value in (("count", count), ("every", every)):
+            if value < 1:
+                raise ConfigError(f"sample: {name} is at least 1, got {value}")
+        work, _, _, started = self._propagate(progress, joint=True)
+        samples = draw_maps(work, count, every)
+        self.report.integrate_s += time.perf_counter() - started
+        return samples
+
+    def _propagate(
+        self, progress: Callable[[int, float], None] | None, *, joint: bool
+    ) -> tuple[Propagation, int, float, float]:
+        """Sweep until messages rest: the propagation, its sweeps and residual, when it began."""
+        from oddsmap.forward.beam_rows import note_observed
+        from oddsmap.full_map.belief_propagation import Propagation
+
+        settings, resolution = self.config.full_map, self.config.map.resolution
+        compile_s = _compile(joint)
+        started = time.perf_counter()
+        field, rows = self._beams.list_beams((settings.prior_in(2), settings.prior_in(3)))
+        self.report.compile_s += compile_s
+        model = self._beams.model
+        detection = np.array([model.detection])
+        noise = model.noise(resolution)
+        work = Propagation(field, rows, noise, detection, settings, self._threads)
+        sweeps, residual = work.run(progress)
+        note_observed(field, rows, model, resolution, detection)
+        return work, sweeps, residual, started
+
+
+def _compile(joint: bool) -> float:
+    """Compile the kernels, or load them from the cache; returns the seconds that took."""
+    started = time.perf_counter()
+    _compile_once(joint)
+    return time.perf_counter() - started
+
+
+@cache
+def _compile_once(joint: bool) -> None:
+    # Toy maps go through the same kernels, one of the plane and one of space.
+    from oddsmap.forward.beam_rows import list_rows, note_observed
+    from oddsmap.full_map.belief_propagation import Propagation
+    from oddsmap.full_map.joint_samples import draw_maps, log_odds_by_climbing
+
+    model = ConeSensor(cone_deg=30.0, range_max=3.0).forward_model()
+    for d in (2, 3):
+        field = CellField(d, 0)
+        beams = Beams(np.zeros((1, d)), np.eye(d)[:1], np.array([2.0]))
+        rows = list_rows(field, beams, model, 1.0)
+        for schedule in ("chunks", "sequential"):
+            settings = FullMapConfig(sweeps=1, burn_in=0, schedule=schedule)
+            work = Propagation(field, rows, model.noise(1.0), np.ones(1), settings)
+            work.run()
+        note_observed(field, rows, model, 1.0, np.ones(1))
+        if joint:
+            draw_maps(work, 1, 1)
+            log_odds_by_climbing(work)
