@@ -20,7 +20,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 import oddsmap  # noqa: E402
 from oddsmap.config.full_map import FullMapConfig  # noqa: E402
-from oddsmap.hold_out import hold_out  # noqa: E402
+from oddsmap.scans.split_log import hold_out  # noqa: E402
 from oddsmap.scoring.held_out import score_map  # noqa: E402
 
 PRIORS = (0.05, 0.1, 0.2, 0.475)

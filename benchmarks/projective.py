@@ -25,8 +25,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 from benchmarks.lidar2d import show  # noqa: E402
 from benchmarks.lidar3d import FRAMES, load_frames, room_frames  # noqa: E402
 from oddsmap import EvidenceMap, build_map, open_log  # noqa: E402
-from oddsmap.readers.lazy import DepthLog  # noqa: E402
-from oddsmap.sensors.depth_camera import DepthScan  # noqa: E402
+from oddsmap.scans.depth_image import DepthScan  # noqa: E402
+from oddsmap.scans.lazy_log import DepthLog  # noqa: E402
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]

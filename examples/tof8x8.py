@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.poses import Pose3
-from oddsmap.trajectory import Trajectory
+from oddsmap.poses.pose import Pose3
+from oddsmap.poses.trajectory import Trajectory
 
 FIELD_DEG, ZONES = 45.0, 8
 RANGE_MAX = 4.0

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.integrate.rays2d import Integrator2D
-from oddsmap.poses import Pose2
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.segments import Segments
 from tests.naive.mapping import Beam, Point

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.integrate.to_cells import to_cells
-from oddsmap.poses import Pose3
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose3
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.segments import Segments
 from tests.kit import ONE, Votes

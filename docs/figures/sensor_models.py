@@ -25,7 +25,7 @@ from oddsmap import (
     Window,
     build_map,
 )
-from oddsmap.sensors.kinds import Measurement, Sensor
+from oddsmap.sensors.registry import Measurement, Sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     )
     from oddsmap.evidence.evidence import EvidenceMap
     from oddsmap.evidence.store import load_map
-    from oddsmap.export.octomap_reader import load_octomap
-    from oddsmap.export.ros_reader import load_ros
     from oddsmap.forward.beams import Beams
     from oddsmap.forward.model import ForwardModel
     from oddsmap.forward.occupancy_box import Window
@@ -39,23 +37,25 @@ if TYPE_CHECKING:
     from oddsmap.full_map.store import load_full_map
     from oddsmap.integrate.add import add_scans, build_map
     from oddsmap.landmarks.landmark_map import LandmarkMap
-    from oddsmap.poses import Pose2, Pose3
+    from oddsmap.map_files.octomap_reader import load_octomap
+    from oddsmap.map_files.ros_reader import load_ros
+    from oddsmap.maps.probability_map import ProbabilityMap, State, Thresholds
+    from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.poses.pose import Pose2, Pose3
     from oddsmap.posterior.changes import changed
     from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
-    from oddsmap.probability_map import ProbabilityMap, State, Thresholds
     from oddsmap.projection.project import project
     from oddsmap.readers import open_log
-    from oddsmap.scan import Log, Scan
+    from oddsmap.scans.scan import Log, Scan
     from oddsmap.scoring.calibration import calibrate
     from oddsmap.scoring.held_out import score_map
     from oddsmap.scoring.truth import evaluate
     from oddsmap.sensors.beam import BeamSensor
     from oddsmap.sensors.cone import ConeSensor
     from oddsmap.sensors.overhead import GridScan, OverheadSensor
-    from oddsmap.voxels import VoxelMap
 
 __version__ = "0.1.0"
 
@@ -125,23 +125,23 @@ _HOME = {
     "GridScan": "sensors.overhead",
     "InputError": "errors",
     "LandmarkMap": "landmarks.landmark_map",
-    "Log": "scan",
+    "Log": "scans.scan",
     "LogOdds": "posterior.log_odds",
     "MapTooLargeError": "errors",
     "OddsmapError": "errors",
     "OnlineFullMap": "full_map.online",
     "OutputError": "errors",
     "OverheadSensor": "sensors.overhead",
-    "Pose2": "poses",
-    "Pose3": "poses",
+    "Pose2": "poses.pose",
+    "Pose3": "poses.pose",
     "PriorArray": "posterior.prior",
-    "ProbabilityMap": "probability_map",
+    "ProbabilityMap": "maps.probability_map",
     "Reflection": "posterior.reflection",
     "ReflectionMap": "full_map.reflection_map",
-    "Scan": "scan",
-    "State": "probability_map",
-    "Thresholds": "probability_map",
-    "VoxelMap": "voxels",
+    "Scan": "scans.scan",
+    "State": "maps.probability_map",
+    "Thresholds": "maps.probability_map",
+    "VoxelMap": "maps.voxel_map",
     "Window": "forward.occupancy_box",
     "add_scans": "integrate.add",
     "build_full_map": "full_map.estimator",
@@ -152,8 +152,8 @@ _HOME = {
     "evaluate": "scoring.truth",
     "load_full_map": "full_map.store",
     "load_map": "evidence.store",
-    "load_octomap": "export.octomap_reader",
-    "load_ros": "export.ros_reader",
+    "load_octomap": "map_files.octomap_reader",
+    "load_ros": "map_files.ros_reader",
     "open_log": "readers",
     "project": "projection.project",
     "score_map": "scoring.held_out",

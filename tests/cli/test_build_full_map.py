@@ -11,10 +11,10 @@ import pytest
 
 import oddsmap
 from oddsmap.config.full_map import FullMapConfig
-from oddsmap.export.octomap_reader import load_octomap
 from oddsmap.full_map.estimator import build_full_map
 from oddsmap.full_map.store import load_full_map
-from oddsmap.poses import Pose2
+from oddsmap.map_files.octomap_reader import load_octomap
+from oddsmap.poses.pose import Pose2
 from oddsmap.sensors.cone import ConeSensor
 from tests.cli.conftest import Run
 from tests.full_map.kit import room, same, wall_of_space

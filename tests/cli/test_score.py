@@ -11,8 +11,8 @@ import pytest
 
 from oddsmap.evidence.store import load_map
 from oddsmap.full_map.store import load_full_map
-from oddsmap.hold_out import hold_out
 from oddsmap.readers import open_log
+from oddsmap.scans.split_log import hold_out
 from oddsmap.scoring.held_out import score_map
 from oddsmap.simulate.sonar2d import Sonar2D
 from tests.cli.conftest import Run

@@ -25,8 +25,8 @@ from oddsmap.errors import ConfigError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.occupancy_box import Window
 from oddsmap.full_map.estimator import FullMapEstimator
-from oddsmap.poses import Pose2, Pose3
-from oddsmap.sensors.kinds import KINDS, Measurement
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.sensors.registry import KINDS, Measurement
 from tests.full_map.kit import room
 
 HOLDERS: dict[str, Any] = {

@@ -19,8 +19,8 @@ from oddsmap.forward.beams import Beams
 from oddsmap.forward.model import ForwardModel
 from oddsmap.forward.occupancy_box import Window
 from oddsmap.kernels.trace.cone3d import RADIUS
-from oddsmap.poses import Pose2, Pose3
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.scans.scan import Scan
 from tests.naive import forward as naive
 
 FloatArray = npt.NDArray[np.float64]

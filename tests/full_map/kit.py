@@ -11,8 +11,8 @@ import numpy as np
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.full_map.estimator import build_full_map
 from oddsmap.full_map.full_map import FullMap
-from oddsmap.poses import Pose2, Pose3
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.simulate import Sonar2D
 

@@ -16,8 +16,8 @@ from oddsmap.forward.model import ForwardModel
 from oddsmap.forward.occupancy_box import Window
 from oddsmap.full_map import exact
 from oddsmap.full_map.exact import ExactPosterior
-from oddsmap.poses import Pose2
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2
+from oddsmap.scans.scan import Scan
 
 CELL = 0.1
 SONAR = ForwardModel(cone_deg=25.0, range_max=1.2)

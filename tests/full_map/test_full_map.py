@@ -21,13 +21,13 @@ from oddsmap.full_map.estimator import FullMapEstimator, build_full_map
 from oddsmap.full_map.full_map import FullMap
 from oddsmap.full_map.readings import usable_beams
 from oddsmap.full_map.store import load_full_map
-from oddsmap.poses import Pose2, Pose3
-from oddsmap.probability_map import State
-from oddsmap.scan import Scan
+from oddsmap.maps.probability_map import State
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.kinds import Sensor
 from oddsmap.sensors.overhead import OverheadSensor
+from oddsmap.sensors.registry import Sensor
 from tests.full_map.kit import (
     RESOLUTION,
     SONAR,

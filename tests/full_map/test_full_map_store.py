@@ -15,7 +15,7 @@ from oddsmap.evidence.store import is_map, load_map
 from oddsmap.full_map.estimator import build_full_map
 from oddsmap.full_map.full_map import FullMap
 from oddsmap.full_map.store import is_full_map, load_full_map
-from oddsmap.scan import Scan
+from oddsmap.scans.scan import Scan
 from tests.full_map.kit import SONAR, beam, estimated, moved, room, same, wall_of_space
 
 

@@ -19,7 +19,7 @@ from oddsmap.full_map import joint_samples as joint
 from oddsmap.full_map.estimator import FullMapEstimator
 from oddsmap.full_map.full_map import FullMap
 from oddsmap.full_map.online import OnlineFullMap
-from oddsmap.scan import Scan
+from oddsmap.scans.scan import Scan
 from tests.full_map.kit import RESOLUTION, SONAR, beam, estimated, room, same, wall_of_space
 
 LOOSE: dict[str, Any] = {"prior": 0.3, "coupling": 0.0}

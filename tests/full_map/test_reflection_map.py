@@ -18,10 +18,10 @@ from oddsmap.forward.model import ForwardModel
 from oddsmap.full_map.reflection_map import ReflectionMap
 from oddsmap.kernels.infer.beam_factor import BeamRows
 from oddsmap.kernels.infer.beta_factor import filter_beams
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.posterior.beta import beta_interval
 from oddsmap.posterior.reflectivity import Quantity
-from oddsmap.scan import Scan
+from oddsmap.scans.scan import Scan
 from tests.full_map.kit import SONAR, TOF, beam, moved, room, wall_of_space
 
 BOX = ((-10, -10), (70, 50))

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from oddsmap import BeamSensor, ConeSensor, EvidenceMap, Pose2, Pose3, Scan, add_scans, build_map
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.simulate import DepthCamera, room, room_walk
 from tests.kit import ONE, fan_scan, votes_of
 from tests.naive import projective

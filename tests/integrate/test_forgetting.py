@@ -17,9 +17,9 @@ import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, add_scans, build_map, load_map
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.integrate.forgetting import last_stamp, scan_weight
-from oddsmap.poses import Pose3
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
-from oddsmap.sensors.kinds import Measurement, Sensor
+from oddsmap.poses.pose import Pose3
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.sensors.registry import Measurement, Sensor
 from tests.kit import ONE, Votes, random_scans, votes_of
 from tests.kit3d import random_space_scans
 

@@ -19,7 +19,7 @@ import oddsmap.integrate.threads
 import oddsmap.sensors.cone
 from oddsmap import EvidenceMap, Pose2, Scan, add_scans, build_map, open_log
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
+from oddsmap.poses.pose import Pose3
 from oddsmap.sensors.cone import ConeSensor
 from tests.kit import ONE, Votes, random_scans, votes_of
 from tests.sensors.test_cone import listed

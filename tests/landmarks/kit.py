@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from oddsmap.landmarks import Observations
 from oddsmap.landmarks.observations import Kind
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from oddsmap.landmarks.association import (
     squared_mahalanobis,
 )
 from oddsmap.landmarks.observations import Kind
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from tests.landmarks.kit import cluttered_drive, observe, world
 from tests.naive.landmarks import squared_mahalanobis_of
 

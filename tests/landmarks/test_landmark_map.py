@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.landmarks import LandmarkMap, Observations
 from oddsmap.landmarks.observations import Kind
-from oddsmap.poses import Pose2, Pose3
+from oddsmap.poses.pose import Pose2, Pose3
 from tests.landmarks.kit import SIGMA_BEARING, circle, drive, observe
 from tests.naive.landmarks import least_squares_landmark
 

@@ -12,7 +12,7 @@ import pytest
 
 from oddsmap.errors import ConfigError, InputError, OutputError
 from oddsmap.landmarks import LandmarkMap
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from tests.landmarks.kit import cluttered_drive, drive, observe, world
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from oddsmap.errors import ConfigError, InputError, OddsmapError
 from oddsmap.landmarks import Observations
-from oddsmap.poses import Pose2, Pose3
+from oddsmap.poses.pose import Pose2, Pose3
 
 POSE = Pose2(2.0, -1.0, 0.5 * math.pi)
 SPACE = Pose3(np.eye(3), np.zeros(3))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.scan import Scan
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 
 FloatArray = npt.NDArray[np.float64]

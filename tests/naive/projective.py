@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.scans.depth_image import DepthScan
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.depth_camera import DepthScan
 from tests.naive import beams
 
 Cell = tuple[int, ...]

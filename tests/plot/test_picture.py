@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from oddsmap.errors import ConfigError, InputError, OutputError
+from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.plot.picture import cell_colours, round_length, save_png
-from oddsmap.probability_map import ProbabilityMap
 
 UNKNOWN = (199, 213, 227)
 OCCUPIED = (17, 20, 26)
@@ -163,7 +163,7 @@ class TestDrawing:
         code = (
             "import sys, numpy as np\n"
             "from oddsmap.plot.picture import save_png\n"
-            "from oddsmap.probability_map import ProbabilityMap\n"
+            "from oddsmap.maps.probability_map import ProbabilityMap\n"
             "assert 'matplotlib' not in sys.modules\n"
             "grid = ProbabilityMap(np.zeros((2, 2)), np.ones((2, 2), '?'), 1.0)\n"
             "save_png(grid, sys.argv[1])\n"

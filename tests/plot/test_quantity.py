@@ -10,8 +10,8 @@ from matplotlib import colormaps
 from PIL import Image
 
 from oddsmap.errors import ConfigError, InputError, OutputError
+from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.plot.quantity import block_largest, save_quantity
-from oddsmap.probability_map import ProbabilityMap
 
 UNKNOWN = (199, 213, 227)
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose2, Pose3
+from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.readers import open_log
 from oddsmap.readers.npz_beams import matches
-from oddsmap.scan import Log
+from oddsmap.scans.scan import Log
 
 # Three positions, the last like the first.
 BEAMS = np.array(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.readers import open_log
 from oddsmap.readers.npz_arrays import array_names
 from oddsmap.readers.npz_grids import GridLog

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
+from oddsmap.poses.pose import Pose3
 from oddsmap.readers import open_log
 from tests.readers.clouds import end_points, graph_bytes
 

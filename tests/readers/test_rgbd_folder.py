@@ -8,10 +8,10 @@ import pytest
 from PIL import Image
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
+from oddsmap.poses.pose import Pose3
 from oddsmap.readers import open_log
-from oddsmap.readers.lazy import DepthLog
-from oddsmap.sensors.depth_camera import PinholeCamera
+from oddsmap.scans.depth_image import PinholeCamera
+from oddsmap.scans.lazy_log import DepthLog
 
 CAMERA = PinholeCamera(2.0, 2.0, 1.0, 0.5, width=3, height=2)
 UNITS = np.array([[0, 1000, 65535], [2000, 5000, 1]], np.uint16)

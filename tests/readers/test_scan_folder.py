@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
+from oddsmap.poses.pose import Pose3
 from oddsmap.readers import open_log
 from oddsmap.readers.pose_file import read_trajectory
 from tests.readers.clouds import end_points, pcd_bytes, ply_bytes

@@ -17,9 +17,9 @@ from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.model import ForwardModel
 from oddsmap.forward.occupancy_box import Window
-from oddsmap.poses import Pose2
-from oddsmap.readers.loaded import LoadedLog
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2
+from oddsmap.scans.memory_log import LoadedLog
+from oddsmap.scans.scan import Scan
 from oddsmap.scoring.calibration import Calibration, calibrate
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor

@@ -15,11 +15,11 @@ import oddsmap
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.occupancy_box import Window
-from oddsmap.poses import Pose2, Pose3
+from oddsmap.maps.probability_map import Thresholds
+from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.posterior.belief import Belief, Region
 from oddsmap.posterior.log_odds import LogOdds
-from oddsmap.probability_map import Thresholds
-from oddsmap.scan import Scan
+from oddsmap.scans.scan import Scan
 from oddsmap.scoring import held_out
 from oddsmap.scoring.held_out import LogScores, score_map
 from oddsmap.sensors.beam import BeamSensor

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 import oddsmap.sensors.cone
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.poses import Pose2, Pose3
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.cone import ConeSensor
 from tests.kit import ONE, Votes
 from tests.naive.cones import cone_votes

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import ConfigError, InputError, OutputError
-from oddsmap.poses import Pose2, Pose3
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.scans.scan import Scan
 from oddsmap.simulate import Lidar2D, office_drive, office_plan, write_carmen
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose3
-from oddsmap.sensors.depth_camera import PinholeCamera
+from oddsmap.poses.pose import Pose3
+from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.simulate import Box, DepthCamera, World3D, room, room_walk
 from tests.naive import world3d_oracle as oracle
 

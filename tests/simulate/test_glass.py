@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.simulate import GlassScene, GlassSensor, glass_path, glass_scene
 from tests.naive.forward import plane_fraction
 

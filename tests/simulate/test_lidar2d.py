@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.simulate import Disc, FloorPlan, Lidar2D, Rectangle, walls_around
 
 # A ring of beams in the middle of a round room would be the same range everywhere: a disc from

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose3
+from oddsmap.poses.pose import Pose3
 from oddsmap.simulate import Box, Cylinder, Ground, Lidar3D, World3D, drive3d, town
 from tests.naive import world3d_oracle as oracle
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.simulate import FloorPlan, OverheadCamera, Rectangle
 
 # Half of the plane is full: x > 1.

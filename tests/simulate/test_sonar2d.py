@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.simulate.sonar2d import Sonar2D, nearest_in_cones
 
 # One sonar 0.5 m before a wall, many times over.

@@ -35,7 +35,7 @@ from oddsmap.cli.summary import (
 if TYPE_CHECKING:
     from oddsmap.config.config import Config
     from oddsmap.integrate.add import Report
-    from oddsmap.scan import Log
+    from oddsmap.scans.scan import Log
 
 __all__ = ["HELP", "build"]
 
@@ -126,9 +126,9 @@ def build(
     """Map one or more logs: see `HELP`."""
     from oddsmap.atomic_write import check_output
     from oddsmap.errors import ConfigError
-    from oddsmap.hold_out import every_of
-    from oddsmap.hold_out import hold_out as without_every
     from oddsmap.readers import open_log
+    from oddsmap.scans.split_log import every_of
+    from oddsmap.scans.split_log import hold_out as without_every
 
     if sensor is not None and sensor not in SENSORS:
         raise ConfigError(f"--sensor {sensor}: not available, known are {', '.join(SENSORS)}")
@@ -285,7 +285,7 @@ def _full_map(
 
 def _note_held_out(provenance: list[dict[str, Any]], logs: list[Log]) -> None:
     """Note in a map which scans it has not seen: one entry a log."""
-    from oddsmap.hold_out import PartOfLog
+    from oddsmap.scans.split_log import PartOfLog
 
     for entry, log in zip(provenance, logs, strict=True):
         if isinstance(log, PartOfLog):

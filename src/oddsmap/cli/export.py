@@ -12,10 +12,10 @@ import typer
 from oddsmap.cli.views import flag, write_decay, write_reflection
 
 if TYPE_CHECKING:
+    from oddsmap.maps.probability_map import ProbabilityMap, Thresholds
+    from oddsmap.maps.voxel_map import VoxelMap
     from oddsmap.posterior.belief import Belief
     from oddsmap.posterior.prior import MapLike
-    from oddsmap.probability_map import ProbabilityMap, Thresholds
-    from oddsmap.voxels import VoxelMap
 
 __all__ = ["HELP", "export"]
 
@@ -167,7 +167,7 @@ def _write_log_odds(source: Path, output: Path, given: _Options, force: bool) ->
 
             save_png(grid, output, force=force)
         else:
-            from oddsmap.export.ros import save_ros
+            from oddsmap.map_files.ros_writer import save_ros
 
             mode = given.get("mode", "trinary")
             return list(save_ros(grid, output, mode=mode, thresholds=thresholds, force=force))
@@ -195,8 +195,8 @@ def _open(
 ) -> Belief | VoxelMap:
     from oddsmap.errors import ConfigError
     from oddsmap.evidence.store import load_map
-    from oddsmap.export.octomap_reader import is_octomap, load_octomap
     from oddsmap.full_map.store import is_full_map, load_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap, load_octomap
 
     kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
     if kind is not None and (prior, p_hit, p_miss) != (None, None, None):
@@ -214,9 +214,9 @@ def _prior(text: str, source: Path) -> float | MapLike:
     """What --prior says: a number, or the map in a file."""
     from oddsmap.errors import ConfigError
     from oddsmap.evidence.store import is_map, load_map
-    from oddsmap.export.octomap_reader import is_octomap, load_octomap
-    from oddsmap.export.ros_reader import load_ros
     from oddsmap.full_map.store import is_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap, load_octomap
+    from oddsmap.map_files.ros_reader import load_ros
 
     try:
         return float(text)

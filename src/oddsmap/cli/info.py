@@ -12,8 +12,8 @@ import typer
 if TYPE_CHECKING:
     from oddsmap.evidence.evidence import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
-    from oddsmap.scan import Log
-    from oddsmap.voxels import VoxelMap
+    from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.scans.scan import Log
 
 __all__ = ["HELP", "info"]
 
@@ -40,8 +40,8 @@ def info(
 ) -> None:
     """Say what is in a log or in a map: see `HELP`."""
     from oddsmap.evidence.store import is_map
-    from oddsmap.export.octomap_reader import is_octomap, load_octomap
     from oddsmap.full_map.store import is_full_map, load_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap, load_octomap
 
     if is_map(path):
         from oddsmap.evidence.store import load_map
@@ -154,7 +154,7 @@ def _extent(grid: EvidenceMap | FullMap) -> dict[str, list[float]]:
 def _of_octomap(voxels: VoxelMap, path: Path) -> dict[str, Any]:
     import numpy as np
 
-    from oddsmap.probability_map import State
+    from oddsmap.maps.probability_map import State
 
     state, cells = voxels.state(), voxels.side**3
     facts: dict[str, Any] = {

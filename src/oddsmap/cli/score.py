@@ -21,9 +21,9 @@ from oddsmap.cli.settings import (
 if TYPE_CHECKING:
     from oddsmap.config.config import Config
     from oddsmap.posterior.belief import Belief
-    from oddsmap.scan import Log
+    from oddsmap.scans.scan import Log
     from oddsmap.scoring.held_out import LogScores
-    from oddsmap.sensors.kinds import Sensor
+    from oddsmap.sensors.registry import Sensor
 
 __all__ = ["HELP", "score"]
 
@@ -84,8 +84,8 @@ def score(
     """Score a map: see `HELP`."""
     from oddsmap.atomic_write import check_output
     from oddsmap.errors import ConfigError
-    from oddsmap.hold_out import hold_out
     from oddsmap.readers import open_log
+    from oddsmap.scans.split_log import hold_out
     from oddsmap.scoring.held_out import score_map
 
     if plot is not None:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from oddsmap.config.config import Config
-    from oddsmap.poses import Pose3
-    from oddsmap.scan import Log
-    from oddsmap.sensors.depth_camera import PinholeCamera
+    from oddsmap.poses.pose import Pose3
+    from oddsmap.scans.depth_image import PinholeCamera
+    from oddsmap.scans.scan import Log
 
 __all__ = [
     "SENSORS",
@@ -46,7 +46,7 @@ def sensor_name(log: Log, settled: Config) -> str:
     """What --sensor would call the sensor of a log; a cone of the plane is a "sonar" here."""
     if hasattr(log, "depth_scans"):
         return "depth"
-    from oddsmap.poses import Pose2
+    from oddsmap.poses.pose import Pose2
     from oddsmap.sensors.overhead import GridScan
 
     first = next(iter(log), None)
@@ -109,7 +109,7 @@ def _numbers(option: str, text: str, names: str) -> list[float]:
 
 def read_extrinsics(text: str | None) -> Pose3 | None:
     """What --body-from-sensor says."""
-    from oddsmap.poses import Pose3
+    from oddsmap.poses.pose import Pose3
 
     if text is None:
         return None
@@ -119,7 +119,7 @@ def read_extrinsics(text: str | None) -> Pose3 | None:
 
 def read_camera(text: str | None) -> PinholeCamera | None:
     """What --camera says."""
-    from oddsmap.sensors.depth_camera import PinholeCamera
+    from oddsmap.scans.depth_image import PinholeCamera
 
     if text is None:
         return None

@@ -13,7 +13,7 @@ import typer
 if TYPE_CHECKING:
     from oddsmap.evidence.evidence import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
-    from oddsmap.scan import Log
+    from oddsmap.scans.scan import Log
 
 __all__ = ["facts_of", "facts_of_full_map", "progress_of_logs", "progress_of_sweeps", "say"]
 

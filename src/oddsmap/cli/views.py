@@ -99,8 +99,8 @@ def write_decay(source: Path, output: Path, given: Options, force: bool) -> list
 def _with_counts(source: Path) -> EvidenceMap:
     from oddsmap.errors import ConfigError
     from oddsmap.evidence.store import load_map
-    from oddsmap.export.octomap_reader import is_octomap
     from oddsmap.full_map.store import is_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap
 
     if is_octomap(source) or is_full_map(source):
         raise ConfigError(f"{source}: this view needs hits and passes, this map has none")

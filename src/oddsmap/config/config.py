@@ -14,9 +14,9 @@ from typing import Any
 
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError
-from oddsmap.probability_map import Thresholds
+from oddsmap.maps.probability_map import Thresholds
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.kinds import KINDS, Sensor
+from oddsmap.sensors.registry import KINDS, Sensor
 
 __all__ = ["Config", "MapConfig", "PosteriorConfig", "parse_setting", "read_toml", "resolve"]
 

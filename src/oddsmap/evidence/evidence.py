@@ -21,7 +21,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.vote.tiles import HITS, ONE, PASSES
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.kinds import Sensor
+from oddsmap.sensors.registry import Sensor
 
 if TYPE_CHECKING:
     from oddsmap.integrate.add import Report

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.scan import Scan
+from oddsmap.scans.scan import Scan
 
 __all__ = ["BeamCells", "Beams", "beam_cells"]
 

@@ -16,8 +16,8 @@ from oddsmap.forward.cell_grid import CellField
 from oddsmap.forward.model import ForwardModel
 from oddsmap.full_map.readings import ranging_sensor, usable_beams
 from oddsmap.integrate.add import Report
-from oddsmap.scan import Log
-from oddsmap.sensors.kinds import Measurement
+from oddsmap.scans.scan import Log
+from oddsmap.sensors.registry import Measurement
 
 if TYPE_CHECKING:
     from oddsmap.kernels.infer.beam_factor import BeamRows

@@ -27,9 +27,9 @@ from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.collector import BeamCollector
 from oddsmap.full_map.full_map import FullMap
 from oddsmap.integrate.add import Report, said_of_sensor
-from oddsmap.scan import Log
+from oddsmap.scans.scan import Log
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
+from oddsmap.sensors.registry import KINDS, Measurement, Sensor
 
 if TYPE_CHECKING:
     from oddsmap.full_map.belief_propagation import Propagation

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.model import ForwardModel
-from oddsmap.scan import Scan
+from oddsmap.scans.scan import Scan
 
 __all__ = ["MOST_CELLS", "ExactPosterior"]
 

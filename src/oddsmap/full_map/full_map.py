@@ -157,11 +157,11 @@ class FullMap(Belief):
         save_full_map(self, path, force=force)
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the cells inside cones: see `oddsmap.export.npz.save_npz`; there are no counts.
+        """Write the cells inside cones: see `oddsmap.map_files.npz.save_npz`; there are no counts.
 
         Those that no beam has reached are listed with their belief, and `observed` False.
         """
-        from oddsmap.export.npz import save_npz
+        from oddsmap.map_files.npz import save_npz
 
         index, log_odds, observed = self._cells_from(LISTED)
         nothing = np.zeros(len(index))

@@ -13,7 +13,7 @@ from oddsmap.errors import ConfigError
 from oddsmap.forward.beams import Beams
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.kinds import Measurement
+from oddsmap.sensors.registry import Measurement
 from oddsmap.sensors.segments import ranges_of
 
 __all__ = ["ranging_sensor", "usable_beams"]

@@ -39,9 +39,9 @@ from oddsmap.full_map.reflection_map import REST, ReflectionMap
 from oddsmap.integrate.add import said_of_sensor
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.posterior.reflectivity import check_beta_prior
-from oddsmap.scan import Log
+from oddsmap.scans.scan import Log
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
+from oddsmap.sensors.registry import KINDS, Measurement, Sensor
 
 if TYPE_CHECKING:
     from oddsmap.kernels.infer.beam_factor import BeamRows

@@ -24,13 +24,13 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.integrate.forgetting import last_stamp
 from oddsmap.integrate.threads import Team
-from oddsmap.poses import Pose2, Pose3
-from oddsmap.scan import Log, Scan
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.scans.scan import Log, Scan
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
-from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
 from oddsmap.sensors.overhead import GridScan, OverheadSensor
+from oddsmap.sensors.registry import KINDS, Measurement, Sensor
 
 __all__ = ["Report", "add_log", "add_scans", "build_map", "said_of_sensor"]
 

@@ -21,9 +21,9 @@ from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.integrate.to_cells import MAX_COORDINATE, check_size
 from oddsmap.kernels.trace.clip_beams import BELOW, BODY, HEIGHT, LOST, NAN
 from oddsmap.kernels.vote.depth_image import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
-from oddsmap.sensors.kinds import Measurement
+from oddsmap.sensors.registry import Measurement
 
 __all__ = ["ProjectiveIntegrator"]
 

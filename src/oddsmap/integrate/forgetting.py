@@ -16,7 +16,7 @@ import numpy as np
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.kernels.vote.tiles import ONE
-from oddsmap.sensors.kinds import Measurement
+from oddsmap.sensors.registry import Measurement
 
 if TYPE_CHECKING:
     from oddsmap.evidence.evidence import EvidenceMap

@@ -16,7 +16,7 @@ from oddsmap.integrate.cell_window import CellWindow
 from oddsmap.kernels.vote.cell_votes import cell_box, gather_cells
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.cell_votes import CellVotes
-from oddsmap.sensors.kinds import CellSensor, Measurement
+from oddsmap.sensors.registry import CellSensor, Measurement
 
 __all__ = ["CellIntegrator"]
 

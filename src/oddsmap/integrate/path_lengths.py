@@ -14,7 +14,7 @@ from oddsmap.integrate.cell_window import CellWindow
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.vote.path_lengths import gather_lengths
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.kinds import Sensor
+from oddsmap.sensors.registry import Sensor
 
 __all__ = ["LengthIntegrator", "check_lengths"]
 

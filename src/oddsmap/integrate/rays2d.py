@@ -24,7 +24,7 @@ from oddsmap.kernels.trace.segments2d import COLUMNS
 from oddsmap.kernels.vote.rays2d import DONE, FULL, SLABS, Room, count_votes, mark_votes
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.kinds import Measurement
+from oddsmap.sensors.registry import Measurement
 from oddsmap.sensors.segments import Segments
 
 __all__ = ["Integrator2D"]

@@ -22,7 +22,7 @@ from oddsmap.kernels.vote.counts3d import count_scan
 from oddsmap.kernels.vote.rays3d import BIN_COUNT, SLABS, apply_marks, mark_scan, sort_rays
 from oddsmap.kernels.vote.tiles import ONE
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.kinds import Measurement
+from oddsmap.sensors.registry import Measurement
 
 __all__ = ["Integrator3D"]
 

@@ -23,7 +23,7 @@ from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.forgetting import by_weight
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.kinds import Measurement, Sensor
+from oddsmap.sensors.registry import Measurement, Sensor
 
 __all__ = ["Team"]
 

@@ -18,7 +18,7 @@ from oddsmap.landmarks.association import (
 )
 from oddsmap.landmarks.landmark import Landmark, Track
 from oddsmap.landmarks.observations import Observations
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 
 __all__ = ["LandmarkMap"]
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose, Pose2
+from oddsmap.poses.pose import Pose, Pose2
 
 __all__ = ["Kind", "Observations"]
 

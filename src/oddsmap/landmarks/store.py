@@ -22,7 +22,7 @@ from oddsmap.errors import ConfigError, InputError, OddsmapError
 from oddsmap.landmarks.landmark import Track
 from oddsmap.landmarks.landmark_map import LandmarkMap
 from oddsmap.landmarks.likelihood import POLAR_COLUMNS, Linear
-from oddsmap.readers.container import open_source
+from oddsmap.readers.compression import open_source
 
 __all__ = ["load", "save"]
 

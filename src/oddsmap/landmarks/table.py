@@ -29,8 +29,8 @@ import numpy.typing as npt
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.landmarks.observations import Kind, Observations
 from oddsmap.landmarks.table_npz import NO_ID, check_id, is_npz, read_npz_columns
-from oddsmap.poses import Pose2
-from oddsmap.readers.container import Source, open_source
+from oddsmap.poses.pose import Pose2
+from oddsmap.readers.compression import Source, open_source
 
 __all__ = ["ObservationTable", "read_observations"]
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.readers.container import Source
+from oddsmap.readers.compression import Source
 
 __all__ = ["NO_ID", "check_id", "is_npz", "read_npz_columns"]
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.probability_map import ProbabilityMap
+from oddsmap.maps.probability_map import ProbabilityMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

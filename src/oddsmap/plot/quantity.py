@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.plot.picture import (
     _INK,
     _UNKNOWN,
@@ -24,7 +25,6 @@ from oddsmap.plot.picture import (
     _Layout,
     _layout,
 )
-from oddsmap.probability_map import ProbabilityMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.probability_map import ProbabilityMap, Thresholds
+from oddsmap.maps.probability_map import ProbabilityMap, Thresholds
 
 if TYPE_CHECKING:
     import xarray
 
-    from oddsmap.export.ros_reader import RosMode
-    from oddsmap.voxels import VoxelMap
+    from oddsmap.map_files.ros_reader import RosMode
+    from oddsmap.maps.voxel_map import VoxelMap
 
 __all__ = ["Belief", "Region", "sigmoid"]
 
@@ -76,7 +76,7 @@ class Belief(ABC):
 
     @abstractmethod
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the observed cells as arrays: see `oddsmap.export.npz.save_npz`."""
+        """Write the observed cells as arrays: see `oddsmap.map_files.npz.save_npz`."""
 
     def probability(self, region: Region | None = None) -> FloatArray:
         """p(occupied) of a region's cells; the prior where nothing is known."""
@@ -117,7 +117,7 @@ class Belief(ABC):
         Raises:
             InputError: a map of the plane.
         """
-        from oddsmap.voxels import VoxelMap
+        from oddsmap.maps.voxel_map import VoxelMap
 
         if self.ndim != 3:
             raise InputError("an OctoMap or a PLY needs a map of space, this one is of the plane")
@@ -154,8 +154,8 @@ class Belief(ABC):
         mode: RosMode = "trinary",
         force: bool = False,
     ) -> tuple[Path, Path]:
-        """Write a ROS map_server map: see `oddsmap.export.ros.save_ros`."""
-        from oddsmap.export.ros import save_ros
+        """Write a ROS map_server map: see `oddsmap.map_files.ros_writer.save_ros`."""
+        from oddsmap.map_files.ros_writer import save_ros
 
         return save_ros(
             self.to_probability_map(),
@@ -178,11 +178,11 @@ class Belief(ABC):
         clamp: tuple[float, float] | None = None,
         force: bool = False,
     ) -> None:
-        """Write a `.bt` or `.ot`: see `oddsmap.export.octomap_writer.save_octomap`."""
+        """Write a `.bt` or `.ot`: see `oddsmap.map_files.octomap_writer.save_octomap`."""
         self.to_voxels().save_octomap(path, clamp=clamp, thresholds=self.thresholds, force=force)
 
     def save_ply(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the occupied cells as points: see `oddsmap.export.ply.save_ply`."""
+        """Write the occupied cells as points: see `oddsmap.map_files.ply.save_ply`."""
         self.to_voxels().save_ply(path, thresholds=self.thresholds, force=force)
 
     def _notes(self) -> dict[str, object]:

@@ -31,9 +31,9 @@ import numpy.typing as npt
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.posterior.belief import sigmoid
 from oddsmap.posterior.log_odds import LogOdds
-from oddsmap.probability_map import ProbabilityMap
 
 __all__ = ["Changes", "changed"]
 

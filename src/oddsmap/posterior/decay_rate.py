@@ -30,7 +30,7 @@ import numpy.typing as npt
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.kernels.vote.tiles import ONE
-from oddsmap.probability_map import ProbabilityMap
+from oddsmap.maps.probability_map import ProbabilityMap
 
 __all__ = ["DecayQuantity", "DecayRate"]
 
@@ -190,12 +190,12 @@ class DecayRate:
         save_quantity(grid, Path(path), label=self._label(show), limits=limits, force=force)
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write cells, counts and the posterior: see `oddsmap.export.npz.save_npz`.
+        """Write cells, counts and the posterior: see `oddsmap.map_files.npz.save_npz`.
 
         `probability` is that of a beam ending within one side of a cell; `length` [m], `mean`,
         `std`, `lower` and `upper` [1/m] (float32) are added.
         """
-        from oddsmap.export.npz import save_npz
+        from oddsmap.map_files.npz import save_npz
 
         index, hits, passes, length = self._cells()
         shape, rate = self.shape + hits, self.rate + length

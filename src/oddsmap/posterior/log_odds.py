@@ -30,9 +30,9 @@ from oddsmap.errors import ConfigError
 from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.maps.probability_map import Thresholds
 from oddsmap.posterior.belief import Belief, Region
 from oddsmap.posterior.prior import PriorMap
-from oddsmap.probability_map import Thresholds
 from oddsmap.sensors.inverse_model import logit
 
 if TYPE_CHECKING:
@@ -180,8 +180,8 @@ class LogOdds(Belief):
         return self.evidence.bounds()
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write cells, counts and probabilities: see `oddsmap.export.npz.save_npz`."""
-        from oddsmap.export.npz import save_npz
+        """Write cells, counts and probabilities: see `oddsmap.map_files.npz.save_npz`."""
+        from oddsmap.map_files.npz import save_npz
 
         index, hits, passes = self.evidence.cells()
         save_npz(

@@ -24,12 +24,12 @@ import numpy.typing as npt
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.evidence.lookup import floor_cells, same_places
-from oddsmap.probability_map import ProbabilityMap
+from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.sensors.inverse_model import logit
 
 if TYPE_CHECKING:
+    from oddsmap.maps.voxel_map import VoxelMap
     from oddsmap.posterior.log_odds import LogOdds
-    from oddsmap.voxels import VoxelMap
 
     MapLike: TypeAlias = "ProbabilityMap | PriorArray | LogOdds | EvidenceMap | VoxelMap"
 
@@ -140,8 +140,8 @@ class PriorMap:
 
 def _reader(source: MapLike, resolution: float) -> tuple[Callable[[IntArray], FloatArray], int]:
     """How to read a source: cells to log odds, NaN where it knows nothing; its dimensions."""
+    from oddsmap.maps.voxel_map import VoxelMap
     from oddsmap.posterior.log_odds import LogOdds
-    from oddsmap.voxels import VoxelMap
 
     if isinstance(source, ProbabilityMap):
         return _grid_reader(source, resolution), 2

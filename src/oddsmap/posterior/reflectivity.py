@@ -18,12 +18,12 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.maps.probability_map import ProbabilityMap, State, Thresholds
 from oddsmap.posterior.belief import Region
 from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
-from oddsmap.probability_map import ProbabilityMap, State, Thresholds
 
 if TYPE_CHECKING:
-    from oddsmap.export.ros_reader import RosMode
+    from oddsmap.map_files.ros_reader import RosMode
 
 __all__ = ["BetaView", "IntervalKind", "Quantity", "check_beta_prior"]
 
@@ -198,14 +198,14 @@ class BetaView(ABC):
     def save_ros(
         self, path: str | os.PathLike[str], *, mode: RosMode = "scale", force: bool = False
     ) -> tuple[Path, Path]:
-        """Write the mean as a ROS map of probabilities: see `oddsmap.export.ros.save_ros`.
+        """Write the mean as a ROS map of probabilities: see `oddsmap.map_files.ros_writer.save_ros`.
 
         The thresholds written are 0 and 1, so that readers take every value as it is.
 
         Raises:
             ConfigError: mode "trinary", which would make free and occupied of the mean.
         """
-        from oddsmap.export.ros import save_ros
+        from oddsmap.map_files.ros_writer import save_ros
 
         if mode == "trinary":
             raise ConfigError(f'{path}: a mean reflectivity is no state; use mode "scale" or "raw"')
@@ -236,11 +236,11 @@ class BetaView(ABC):
         )  # fmt: skip
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write cells, counts and the posterior: see `oddsmap.export.npz.save_npz`.
+        """Write cells, counts and the posterior: see `oddsmap.map_files.npz.save_npz`.
 
         `probability` is the mean; `std`, `lower` and `upper` (float32) are added.
         """
-        from oddsmap.export.npz import save_npz
+        from oddsmap.map_files.npz import save_npz
 
         index, alpha, beta = self.cells()
         hits, passes = self._counts()

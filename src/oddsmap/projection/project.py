@@ -18,11 +18,11 @@ import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.maps.probability_map import ProbabilityMap, Thresholds
+from oddsmap.maps.voxel_map import VoxelMap
 from oddsmap.posterior.belief import Belief
-from oddsmap.probability_map import ProbabilityMap, Thresholds
 from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
-from oddsmap.voxels import VoxelMap
 
 __all__ = ["Ground", "project"]
 

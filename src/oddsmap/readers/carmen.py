@@ -20,17 +20,17 @@ from itertools import pairwise
 import numpy as np
 
 from oddsmap.errors import InputError
-from oddsmap.readers.carmen_lines import (
+from oddsmap.readers.carmen_messages import (
     LASER_KINDS,
     BadLineError,
     LaserLine,
     beam_directions,
     parse_laser_line,
 )
-from oddsmap.readers.container import Source
-from oddsmap.readers.loaded import BadLine, LoadedLog
-from oddsmap.readers.no_return import describe_codes, find_codes
-from oddsmap.scan import Scan
+from oddsmap.readers.compression import Source
+from oddsmap.readers.no_return_codes import describe_codes, find_codes
+from oddsmap.scans.memory_log import BadLine, LoadedLog
+from oddsmap.scans.scan import Scan
 
 __all__ = ["matches", "open_carmen"]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from oddsmap.errors import InputError
-from oddsmap.readers.cloud import Cloud
-from oddsmap.readers.container import Source
+from oddsmap.readers.compression import Source
+from oddsmap.readers.point_cloud import Cloud
 
 __all__ = ["read_kitti_bin"]
 

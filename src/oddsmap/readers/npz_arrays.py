@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.readers.container import Source
+from oddsmap.readers.compression import Source
 
 __all__ = ["array_names", "load_arrays"]
 

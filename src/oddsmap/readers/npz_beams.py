@@ -24,11 +24,11 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose2, Pose3
-from oddsmap.readers.container import Source
-from oddsmap.readers.loaded import LoadedLog
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.readers.compression import Source
 from oddsmap.readers.npz_arrays import load_arrays
-from oddsmap.scan import Scan
+from oddsmap.scans.memory_log import LoadedLog
+from oddsmap.scans.scan import Scan
 
 __all__ = ["matches", "open_npz_beams"]
 

@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose2
-from oddsmap.readers.container import Source
+from oddsmap.poses.pose import Pose2
+from oddsmap.readers.compression import Source
 from oddsmap.readers.npz_arrays import load_arrays
 from oddsmap.sensors.overhead import GridScan
 

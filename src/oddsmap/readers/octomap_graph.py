@@ -23,11 +23,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
-from oddsmap.readers.container import TRUNCATED, Source
-from oddsmap.readers.given import Given
-from oddsmap.readers.lazy import LazyLog
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose3
+from oddsmap.readers.compression import TRUNCATED, Source
+from oddsmap.readers.options import Given
+from oddsmap.scans.lazy_log import LazyLog
+from oddsmap.scans.scan import Scan
 
 __all__ = ["matches", "open_octomap_graph"]
 

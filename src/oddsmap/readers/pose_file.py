@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
+from oddsmap.poses.pose import Pose3
+from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers.text_table import Row, parse_numbers, parse_stamp_ns, read_rows
-from oddsmap.trajectory import Trajectory
 
 __all__ = ["read_pose_matrix", "read_times", "read_trajectory"]
 

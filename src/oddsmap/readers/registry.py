@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
+from oddsmap.poses.pose import Pose3
+from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers import (
     carmen,
     npz_beams,
@@ -23,12 +24,11 @@ from oddsmap.readers import (
     rgbd_folder,
     scan_folder,
 )
-from oddsmap.readers.container import Source, open_source
-from oddsmap.readers.given import FilePath, Given
+from oddsmap.readers.compression import Source, open_source
 from oddsmap.readers.npz_arrays import array_names
-from oddsmap.scan import Log
-from oddsmap.sensors.depth_camera import PinholeCamera
-from oddsmap.trajectory import Trajectory
+from oddsmap.readers.options import FilePath, Given
+from oddsmap.scans.depth_image import PinholeCamera
+from oddsmap.scans.scan import Log
 
 __all__ = ["READERS", "Reader", "open_log"]
 

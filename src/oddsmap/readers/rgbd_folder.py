@@ -28,16 +28,16 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
-from oddsmap.readers.container import open_source
-from oddsmap.readers.given import Given
-from oddsmap.readers.lazy import DepthLog
+from oddsmap.poses.pose import Pose3
+from oddsmap.poses.trajectory import NoPoseError
+from oddsmap.readers.compression import open_source
+from oddsmap.readers.options import Given
+from oddsmap.readers.pose_association import match_poses, natural_key
 from oddsmap.readers.pose_file import read_pose_matrix
-from oddsmap.readers.pose_match import match_poses, natural_key
 from oddsmap.readers.text_table import parse_numbers, parse_stamp_ns, read_rows
-from oddsmap.scan import Scan
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
-from oddsmap.trajectory import NoPoseError
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.scans.lazy_log import DepthLog
+from oddsmap.scans.scan import Scan
 
 __all__ = ["is_seven_scenes", "is_tum_rgbd", "open_seven_scenes", "open_tum_rgbd"]
 

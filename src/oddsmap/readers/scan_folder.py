@@ -15,16 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from oddsmap.errors import InputError
-from oddsmap.poses import Pose3
-from oddsmap.readers.cloud import Cloud
-from oddsmap.readers.container import HEAD_SIZE, Source, open_source
-from oddsmap.readers.given import Given
+from oddsmap.poses.pose import Pose3
+from oddsmap.readers.compression import HEAD_SIZE, Source, open_source
 from oddsmap.readers.kitti_bin import read_kitti_bin
-from oddsmap.readers.lazy import LazyLog
-from oddsmap.readers.loaded import LoadedLog
+from oddsmap.readers.options import Given
 from oddsmap.readers.pcd import read_pcd, read_viewpoint, viewpoint_pose
 from oddsmap.readers.ply import read_ply
-from oddsmap.readers.pose_match import (
+from oddsmap.readers.point_cloud import Cloud
+from oddsmap.readers.pose_association import (
     POSE_NAMES,
     TIMES_NAME,
     PoseMatch,
@@ -32,7 +30,9 @@ from oddsmap.readers.pose_match import (
     match_poses,
     natural_key,
 )
-from oddsmap.scan import Scan
+from oddsmap.scans.lazy_log import LazyLog
+from oddsmap.scans.memory_log import LoadedLog
+from oddsmap.scans.scan import Scan
 
 __all__ = ["KINDS", "find_clouds", "open_scan_folder", "open_single_cloud"]
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
-from oddsmap.readers.container import open_source
+from oddsmap.readers.compression import open_source
 
 __all__ = ["Row", "parse_numbers", "parse_stamp_ns", "parse_table", "read_rows"]
 

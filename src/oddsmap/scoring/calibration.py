@@ -27,11 +27,11 @@ from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.full_map.readings import usable_beams
 from oddsmap.integrate.add import said_of_sensor
-from oddsmap.scan import Log
+from oddsmap.scans.scan import Log
 from oddsmap.scoring.fit import NOISE, Fit
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.kinds import KINDS, Measurement, Sensor
+from oddsmap.sensors.registry import KINDS, Measurement, Sensor
 
 __all__ = ["Calibration", "calibrate"]
 

@@ -16,12 +16,12 @@ from oddsmap.forward.cell_grid import Window
 from oddsmap.forward.model import ForwardModel
 from oddsmap.full_map.readings import usable_beams
 from oddsmap.posterior.belief import Belief
-from oddsmap.scan import Log
+from oddsmap.scans.scan import Log
 from oddsmap.scoring.marginals import Marginals
 from oddsmap.scoring.reliability import BINS, Reliability
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.kinds import Measurement, Sensor
+from oddsmap.sensors.registry import Measurement, Sensor
 from oddsmap.sensors.segments import ranges_of
 
 __all__ = ["LogScores", "score_map"]

@@ -24,7 +24,7 @@ from oddsmap.sensors.inverse_model import beam_weights, logit
 
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
-    from oddsmap.sensors.kinds import Measurement
+    from oddsmap.sensors.registry import Measurement
     from oddsmap.sensors.segments import Segments
 
 __all__ = ["NO_RANGE_MAX", "BeamSensor", "check_rates"]

@@ -29,7 +29,7 @@ from oddsmap.sensors.segments import ranges_of
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
     from oddsmap.kernels.vote.cone_votes import Cones, Room
-    from oddsmap.sensors.kinds import Measurement
+    from oddsmap.sensors.registry import Measurement
 
 __all__ = ["ConeSensor"]
 

@@ -26,12 +26,12 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.sensors.cell_votes import CellVotes
 from oddsmap.sensors.inverse_model import logit
 
 if TYPE_CHECKING:
-    from oddsmap.sensors.kinds import Measurement
+    from oddsmap.sensors.registry import Measurement
 
 __all__ = ["GridScan", "OverheadSensor"]
 

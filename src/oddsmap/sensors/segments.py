@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.scan import Scan
-from oddsmap.sensors.depth_camera import DepthScan
+from oddsmap.scans.depth_image import DepthScan
+from oddsmap.scans.scan import Scan
 
 if TYPE_CHECKING:
     from oddsmap.sensors.beam import BeamSensor
-    from oddsmap.sensors.kinds import Measurement
+    from oddsmap.sensors.registry import Measurement
 
 __all__ = ["Segments", "cut_scans", "ranges_of"]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from oddsmap.errors import ConfigError
-from oddsmap.poses import Pose3
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.poses.pose import Pose3
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.simulate.lidar3d import check_pose
 from oddsmap.simulate.world3d import World3D
 

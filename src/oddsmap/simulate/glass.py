@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose2
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2
+from oddsmap.scans.scan import Scan
 
 __all__ = ["GlassScene", "GlassSensor", "glass_path", "glass_scene"]
 

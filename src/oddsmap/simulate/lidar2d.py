@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose2
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2
+from oddsmap.scans.scan import Scan
 from oddsmap.simulate.floor_plan import FloorPlan
 
 __all__ = ["Lidar2D"]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose3
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose3
+from oddsmap.scans.scan import Scan
 from oddsmap.simulate.world3d import World3D
 
 __all__ = ["Lidar3D"]

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.simulate.floor_plan import FloorPlan
 from oddsmap.simulate.shapes import Disc, Polygon, Rectangle, Shape, walls_around
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose2
+from oddsmap.poses.pose import Pose2
 from oddsmap.sensors.overhead import GridScan
 from oddsmap.simulate.floor_plan import FloorPlan
 

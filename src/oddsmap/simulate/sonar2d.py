@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.poses import Pose2
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose2
+from oddsmap.scans.scan import Scan
 
 __all__ = ["Sonar2D", "nearest_in_cones"]
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import ConfigError
-from oddsmap.poses import Pose3
+from oddsmap.poses.pose import Pose3
 from oddsmap.simulate.solids import Box, Cylinder, Ground, Solid
 from oddsmap.simulate.world3d import World3D
 

@@ -18,8 +18,8 @@ import oddsmap.integrate.rays3d
 from oddsmap.evidence.evidence import EvidenceMap
 from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.kernels.vote.rays3d import BIN_COUNT, sort_rays
-from oddsmap.poses import Pose3
-from oddsmap.scan import Scan
+from oddsmap.poses.pose import Pose3
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 from tests.kit import ONE, votes_of
 from tests.kit3d import add_rays, assert_same, dense_fan, exact_votes

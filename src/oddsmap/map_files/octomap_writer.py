@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writing an OctoMap: `.bt`, free and occupied, or `.ot`, log odds.
+
+The files are pruned as OctoMap prunes: eight equal leaves of one node become one. Cell i has the
+key i + 32768 along each axis, in a tree of 16 levels.
+
+Source: Hornung et al.: OctoMap (2013); OccupancyOcTreeBase.hxx (writeBinaryNode),
+OcTreeBaseImpl.hxx (writeNodesRecurs), AbstractOcTree.cpp (the header).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.atomic_write import atomic_output, check_output
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.maps.probability_map import State, Thresholds
+from oddsmap.maps.voxel_map import VoxelMap, morton
+from oddsmap.sensors.inverse_model import logit
+
+__all__ = ["HALF", "NODE", "OCTOMAP_CLAMP", "save_octomap"]
+
+HALF = 1 << 15
+"""The key of cell 0: an OctoMap has this many cells on each side of the origin."""
+
+OCTOMAP_CLAMP = (0.1192, 0.971)
+"""The probabilities to which OctoMap clamps by default: -2 and 3.5 in log odds."""
+
+NODE = np.dtype([("log_odds", "<f4"), ("children", "u1")])
+"""A node of an `.ot`: 5 bytes, nothing between them."""
+
+_COMMENT = "# (feel free to add / change comments, but leave the first line as it is!)\n#\n"
+
+
+def save_octomap(
+    voxels: VoxelMap,
+    path: str | Path,
+    *,
+    clamp: tuple[float, float] | None = None,
+    thresholds: Thresholds | None = None,
+    force: bool = False,
+) -> Path:
+    """Write a map as OctoMap writes it; the suffix says which of the two formats.
+
+    - `.ot` keeps the log odds in single precision, and an inner node's is the largest of its
+      children's. They are as the map has them: a long-seen cell lies beyond the bounds to which
+      OctoMap clamps. It reads such a file without loss. With `clamp=OCTOMAP_CLAMP` the file is
+      what OctoMap would write of a clamped map, smaller as more of it can be pruned.
+    - `.bt` says free or occupied by the thresholds; cells undecided between them are occupied
+      where p >= 0.5, which is OctoMap's own limit for all cells.
+
+    Unknown cells are in neither.
+
+    Args:
+        voxels: the map.
+        path: the file to write, named `.bt` or `.ot`.
+        clamp: lowest and highest probability written to an `.ot`; None: as they are.
+        thresholds: what is free and what is occupied in a `.bt`; by default 0.196, 0.65.
+        force: True where an existing file may be replaced.
+
+    Returns:
+        The path written.
+
+    Raises:
+        InputError: a cell lies outside OctoMap's 65536 cells along an axis.
+        ConfigError: the suffix is another, or `clamp` is not two probabilities around 0.5.
+        OutputError: the file exists already or cannot be written.
+    """
+    from oddsmap.kernels import octree
+
+    path = Path(path)
+    binary = path.suffix == ".bt"
+    if path.suffix not in (".bt", ".ot"):
+        raise ConfigError(f"{path}: an OctoMap is named .bt (free or occupied) or .ot (log odds)")
+    check_output(path, force=force)
+    _check_bounds(voxels, path)
+    if binary:
+        value = np.where(_occupied(voxels, thresholds), np.float32(1), np.float32(-1))
+    else:
+        value = _clamped(voxels, clamp, path).astype(np.float32)
+    # Inside the bounds the leaves of a VoxelMap lie in the order of OctoMap's keys.
+    code, level = morton(voxels.index + HALF), voxels.level.copy()
+    leaves = octree.prune(code, level, value)
+    code, level, value = code[:leaves], level[:leaves], value[:leaves]
+    count = octree.node_count(code, level) if leaves else 0
+    node = np.empty(count, np.float32)
+    children, pairs = np.zeros(count, np.uint8), np.zeros(count, np.uint16)
+    if leaves:
+        octree.lay_out(code, level, value, node, children, pairs)
+    if binary:
+        data = pairs[children != 0].astype("<u2").tobytes()
+    else:
+        nodes = np.empty(count, NODE)
+        nodes["log_odds"], nodes["children"] = node, children
+        data = nodes.tobytes()
+    header = (
+        f"# Octomap OcTree {'binary ' if binary else ''}file\n{_COMMENT}"
+        # All digits: OctoMap's own writer keeps 6, so that cells of 1/3 m come back smaller.
+        f"id OcTree\nsize {count}\nres {float(voxels.resolution)!r}\ndata\n"
+    )
+    with atomic_output(path, force=force) as part, part.open("wb") as file:
+        file.write(header.encode("ascii"))
+        file.write(data)
+    return path
+
+
+def _occupied(voxels: VoxelMap, thresholds: Thresholds | None) -> npt.NDArray[np.bool_]:
+    state = voxels.state(thresholds)
+    likely = voxels.log_odds >= 0.0
+    return np.where(state == State.UNDECIDED, likely, state == State.OCCUPIED)
+
+
+def _clamped(
+    voxels: VoxelMap, clamp: tuple[float, float] | None, path: Path
+) -> npt.NDArray[np.float64]:
+    if clamp is None:
+        return voxels.log_odds
+    low, high = clamp
+    if not 0.0 < low < 0.5 < high < 1.0:
+        raise ConfigError(
+            f"{path}: clamp needs probabilities 0 < low < 0.5 < high < 1, got {low} and {high}"
+        )
+    return np.clip(voxels.log_odds, float(logit(low)), float(logit(high)))
+
+
+def _check_bounds(voxels: VoxelMap, path: Path) -> None:
+    bounds = voxels.bounds()
+    if bounds is None:
+        return
+    lo, hi = bounds
+    edge = HALF * voxels.resolution
+    crops = []
+    for axis, name in enumerate("xyz"):
+        if lo[axis] < -HALF:
+            crops.append(f"{name} >= {-edge:.10g} m (index {-HALF}, got {lo[axis]})")
+        if hi[axis] > HALF:
+            crops.append(f"{name} < {edge:.10g} m (index below {HALF}, got {hi[axis] - 1})")
+    if crops:
+        raise InputError(
+            f"{path}: an OctoMap has {2 * HALF} cells along each axis, around the origin; "
+            f"crop to {' and '.join(crops)}"
+        )

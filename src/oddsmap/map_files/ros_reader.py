@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reading a ROS map: the YAML of map_server and the image beside it.
+
+A ROS map has no counts, so it arrives as a `ProbabilityMap`. Nav2 has two generations of loaders;
+this one follows the newer (limits belong to free and occupied, transparent is unknown) and, like
+the older, takes the plain mean of the colours. Grey images read the same in all three.
+
+Source: Nav2, nav2_map_server/src/map_io.cpp (loadMapYaml, loadMapFromFile), both generations.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.maps.probability_map import ProbabilityMap, Thresholds
+
+__all__ = ["RosMode", "load_ros", "read_greys"]
+
+RosMode = Literal["trinary", "scale", "raw"]
+
+_REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+
+# P5, width, height, largest value, one white space; a comment may stand before each number.
+_PGM_HEADER = re.compile(rb"P5" + rb"(?:\s|#[^\n]*\n)+(\d+)" * 3 + rb"\s")
+
+
+def load_ros(path: str | Path) -> ProbabilityMap:
+    """Read a map_server map (YAML and PGM, PNG or another image that Pillow reads).
+
+    Args:
+        path: the `.yaml`; a relative `image` in it is looked for beside it.
+
+    Returns:
+        The map, unknown cells with `observed` False; see `read_greys` for the probabilities.
+
+    Raises:
+        InputError: a file is missing or not what it should be, or a key is missing or senseless.
+    """
+    path = Path(path)
+    fields = _read_fields(path)
+    resolution = _number(path, "resolution", fields["resolution"])
+    if resolution <= 0.0:
+        raise InputError(f"{path}: resolution must be positive [m], got {resolution}")
+    origin = fields["origin"]
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise InputError(f"{path}: origin must be a list [x, y, yaw] of 3 numbers, got {origin!r}")
+    x, y, yaw = (_number(path, "origin", value) for value in origin)
+    mode = _mode(path, fields.get("mode", "trinary"))
+    try:
+        thresholds = Thresholds(
+            free=_number(path, "free_thresh", fields["free_thresh"]),
+            occupied=_number(path, "occupied_thresh", fields["occupied_thresh"]),
+        )
+    except ConfigError as error:
+        raise InputError(f"{path}: {error}") from None
+    grey, opaque = _read_image(path, fields["image"])
+    probability, observed = read_greys(
+        grey, mode=mode, thresholds=thresholds, negate=_negate(path, fields["negate"])
+    )
+    if mode != "raw":
+        observed &= opaque
+    probability[~observed] = 0.5
+    # The first row of an image is its top, the first row of a map its lowest y.
+    return ProbabilityMap(
+        probability=probability[::-1].copy(),
+        observed=observed[::-1].copy(),
+        resolution=resolution,
+        origin=(x, y),
+        yaw=yaw,
+    )
+
+
+def read_greys(
+    grey: npt.NDArray[np.float64], *, mode: RosMode, thresholds: Thresholds, negate: bool = False
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Say what the greys of a ROS map mean, transparency left aside.
+
+    With d the darkness of a pixel, 0 for white and 1 for black (`negate`: the other way round):
+
+    - trinary: free where d <= thresholds.free, occupied where d >= thresholds.occupied, unknown
+      between. p is d itself, for free cells at most and for occupied cells at least the default
+      threshold, so that the map's default state is what Nav2 decides by the thresholds of the file;
+    - scale: p is d in free and occupied cells (Nav2 makes 0 and 100 of them), and runs from 0 to 1
+      as d goes from one threshold to the other between them, as in Nav2;
+    - raw: the grey is the probability in percent, above 100 is unknown; `negate` has no effect.
+
+    Args:
+        grey: brightness of the pixels, 0 (black) to 255 (white), any shape.
+        mode: "trinary", "scale" or "raw".
+        thresholds: those in the YAML.
+        negate: True where dark pixels are free.
+
+    Returns:
+        Probability and observed, both of the shape of `grey`.
+    """
+    if mode == "raw":
+        percent = np.rint(grey)
+        return percent / 100.0, percent <= 100.0
+    darkness = (grey if negate else 255.0 - grey) / 255.0
+    free = darkness <= thresholds.free
+    occupied = darkness >= thresholds.occupied
+    if mode == "trinary":
+        usual = Thresholds()
+        probability = np.where(
+            free, np.minimum(darkness, usual.free), np.maximum(darkness, usual.occupied)
+        )
+        return probability, free | occupied
+    between = (darkness - thresholds.free) / (thresholds.occupied - thresholds.free)
+    probability = np.where(free | occupied, darkness, between)
+    return probability, np.ones(grey.shape, dtype=np.bool_)
+
+
+def _read_fields(path: Path) -> Mapping[str, object]:
+    import yaml
+
+    try:
+        fields = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, IsADirectoryError):
+        raise InputError(f"{path}: no such file; give the .yaml of the map") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"{path}: not YAML ({reason}); give the .yaml, not the image of the map"
+        ) from None
+    if not isinstance(fields, dict):
+        raise InputError(f"{path}: not the YAML of a ROS map: no keys; give the .yaml of the map")
+    missing = [key for key in _REQUIRED if fields.get(key) is None]
+    if missing:
+        needed = ", ".join(_REQUIRED)
+        raise InputError(f"{path}: no {', '.join(missing)}; a ROS map needs {needed}")
+    return fields
+
+
+def _number(path: Path, key: str, value: object) -> float:
+    # A string as well: PyYAML takes 1e-05, without a point, for text.
+    if isinstance(value, int | float | str) and not isinstance(value, bool):
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if math.isfinite(number):
+            return number
+    raise InputError(f"{path}: {key} must be a finite number, got {value!r}")
+
+
+def _mode(path: Path, value: object) -> RosMode:
+    for mode in get_args(RosMode):
+        if str(value).lower() == mode:
+            return mode  # type: ignore[no-any-return]
+    raise InputError(f"{path}: mode must be one of {', '.join(get_args(RosMode))}, got {value!r}")
+
+
+def _negate(path: Path, value: object) -> bool:
+    if isinstance(value, int):  # True and False are integers, too
+        return value != 0
+    raise InputError(f"{path}: negate must be 0, 1, true or false, got {value!r}")
+
+
+def _read_image(path: Path, name: object) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Read the image of the map at `path`: brightness 0 to 255, and where it is opaque."""
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{path}: image must be the name of a file, got {name!r}")
+    image = path.parent / name
+    if not image.is_file():
+        raise InputError(f"{path}: its image {image} does not exist; put it beside the .yaml")
+    with image.open("rb") as file:
+        head = file.read(4096)
+    match = _PGM_HEADER.match(head)
+    # By hand, as Pillow refuses more than 179 million pixels: 670 m at 0.05 m is more.
+    if match and match[3] == b"255":
+        width, height = int(match[1]), int(match[2])
+        grey = np.fromfile(image, np.uint8, count=width * height, offset=match.end())
+        if grey.size != width * height:
+            raise InputError(
+                f"{image}: announces {width} x {height} pixels, holds {grey.size}; it is cut off"
+            )
+        return grey.reshape(height, width).astype(np.float64), np.ones((height, width), np.bool_)
+    return _read_with_pillow(image)
+
+
+def _read_with_pillow(
+    image: Path,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(image) as opened:
+            if opened.mode.startswith("I"):  # 16 bits a pixel
+                deep = np.asarray(opened, dtype=np.float64) / 257.0
+                return deep, np.ones(deep.shape, dtype=np.bool_)
+            pixels = np.asarray(opened.convert("RGBA"))
+    except UnidentifiedImageError:
+        raise InputError(f"{image}: not an image that can be read; use PGM, PNG or BMP") from None
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise InputError(f"{image}: cannot be read as an image: {error}") from None
+    return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255

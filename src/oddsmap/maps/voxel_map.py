@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A map of space without counts: probabilities of cubes of cells.
+
+It is what a file without evidence (an OctoMap) arrives as: a prior, or something to compare with,
+never evidence. The sibling, in space, of `ProbabilityMap`.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import InputError, MapTooLargeError
+from oddsmap.maps.probability_map import State, Thresholds
+from oddsmap.posterior.belief import sigmoid
+
+__all__ = ["VoxelMap", "morton", "unmorton"]
+
+IntArray = npt.NDArray[np.int64]
+FloatArray = npt.NDArray[np.float64]
+
+_BITS = 21
+"""Bits of one axis in a Morton code: three of them fill 63."""
+_HALF = 1 << 15
+"""Maps within this many cells of the origin count their codes from there, as OctoMap does."""
+_MAX_LEVEL = 15
+
+# Steps that move the bits of one axis apart, to every third place, and back.
+_SPREAD = (
+    (32, 0x001F00000000FFFF),
+    (16, 0x001F0000FF0000FF),
+    (8, 0x100F00F00F00F00F),
+    (4, 0x10C30C30C30C30C3),
+    (2, 0x1249249249249249),
+)
+
+
+def morton(place: IntArray) -> IntArray:
+    """Morton codes of places of 0 to 2^21 - 1 cells along each axis.
+
+    Args:
+        place: shape (n, 3), x first; x takes the lowest bit.
+    """
+    code = np.zeros(len(place), np.int64)
+    for axis in range(3):
+        bits = place[:, axis].copy()
+        for shift, mask in _SPREAD:
+            bits |= bits << shift
+            bits &= mask
+        code |= bits << axis
+    return code
+
+
+def unmorton(code: IntArray) -> IntArray:
+    """The inverse of `morton`: places, shape (n, 3)."""
+    place = np.empty((len(code), 3), np.int64)
+    masks = [*[mask for _, mask in _SPREAD][::-1], (1 << _BITS) - 1]
+    shifts = [shift for shift, _ in _SPREAD][::-1]
+    for axis in range(3):
+        bits = (code >> axis) & masks[0]
+        for shift, mask in zip(shifts, masks[1:], strict=True):
+            bits |= bits >> shift
+            bits &= mask
+        place[:, axis] = bits
+    return place
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VoxelMap:
+    """Log odds of cells of space; one entry, a leaf, may stand for a cube of 2^k cells a side.
+
+    Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis. Cells
+    in no leaf are unknown. The leaves are kept in depth-first order of an octree; that of the
+    arrays given does not matter.
+
+    Args:
+        index: lowest cell of each leaf, shape (n, 3), x first.
+        log_odds: of each leaf, shape (n,).
+        resolution: side of a cell [m].
+        level: the k of each leaf, 0 to 15, shape (n,); by default 0, single cells.
+
+    Raises:
+        InputError: shapes differ, the resolution is not positive, log odds are not finite, or
+            leaves overlap or are not aligned to their size.
+        MapTooLargeError: more than 2^21 cells along an axis.
+    """
+
+    index: IntArray
+    log_odds: FloatArray
+    resolution: float
+    level: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    _base: IntArray = field(init=False, repr=False)
+    _code: IntArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        index = (
+            np.array(self.index, np.int64).reshape(-1, 3) if len(self.index) == 0 else self.index
+        )
+        index = np.asarray(index, np.int64)
+        log_odds = np.asarray(self.log_odds, np.float64)
+        given = np.asarray(self.level)
+        if given.shape == (0,) and given.dtype == np.uint8:
+            given = np.zeros(len(index), np.uint8)
+        if index.ndim != 2 or index.shape[1:] != (3,):
+            raise InputError(f"a map of space needs index of shape (n, 3), got {index.shape}")
+        if not log_odds.shape == given.shape == (len(index),):
+            raise InputError(
+                f"{len(index)} leaves need log odds and levels of shape ({len(index)},), "
+                f"got {log_odds.shape} and {given.shape}"
+            )
+        if not 0.0 < self.resolution < float("inf"):
+            raise InputError(f"a map needs a positive resolution [m], got {self.resolution}")
+        if not np.isfinite(log_odds).all():
+            raise InputError(f"{np.count_nonzero(~np.isfinite(log_odds))} log odds are not finite")
+        if len(given) and not 0 <= given.min() <= given.max() <= _MAX_LEVEL:
+            raise InputError(f"levels of leaves are 0 to {_MAX_LEVEL}, got up to {given.max()}")
+        level = given.astype(np.uint8)
+        side = np.int64(1) << level.astype(np.int64)
+        if (index & (side - 1)[:, None]).any():
+            raise InputError("a leaf of 2^k cells a side must start at a multiple of 2^k")
+        base = _base_of(index, side)
+        code = morton(index - base)
+        if len(code) and not (code[1:] > code[:-1]).all():
+            order = np.argsort(code, kind="stable")
+            index, log_odds, level, code = index[order], log_odds[order], level[order], code[order]
+        if (code[:-1] + (np.int64(1) << (3 * level[:-1].astype(np.int64))) > code[1:]).any():
+            raise InputError("leaves overlap: each cell may be listed once")
+        fields = {
+            "index": index, "log_odds": log_odds, "level": level, "_base": base, "_code": code
+        }  # fmt: skip
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def leaf_count(self) -> int:
+        """How many leaves there are."""
+        return len(self.index)
+
+    @property
+    def cell_count(self) -> int:
+        """How many cells the leaves cover."""
+        each = np.bincount(self.level, minlength=_MAX_LEVEL + 1)
+        return sum(int(n) << (3 * k) for k, n in enumerate(each))
+
+    @property
+    def probability(self) -> FloatArray:
+        """p(occupied) of each leaf, shape (n,)."""
+        return sigmoid(self.log_odds)
+
+    @property
+    def side(self) -> IntArray:
+        """Cells along the side of each leaf, shape (n,)."""
+        return np.int64(1) << self.level.astype(np.int64)
+
+    def state(self, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
+        """Decide each leaf: values of `State`, shape (n,)."""
+        known = np.ones(len(self.index), np.bool_)
+        return (thresholds or Thresholds()).state(self.probability, known)
+
+    def bounds(self) -> tuple[IntArray, IntArray] | None:
+        """The box of known cells: first index and past the last, shape (3,); None if empty."""
+        if len(self.index) == 0:
+            return None
+        return self.index.min(axis=0), (self.index + self.side[:, None]).max(axis=0)
+
+    def find(self, index: npt.ArrayLike) -> IntArray:
+        """Which leaf holds a cell: its number, or -1 where the cell is unknown.
+
+        Args:
+            index: cells, shape (m, 3), x first.
+        """
+        cells = np.asarray(index, np.int64)
+        if cells.ndim != 2 or cells.shape[1] != 3:
+            raise InputError(f"cells of space need an index of shape (m, 3), got {cells.shape}")
+        bounds = self.bounds()
+        if bounds is None:
+            return np.full(len(cells), -1, np.int64)
+        inside = np.all((cells >= bounds[0]) & (cells < bounds[1]), axis=1)
+        code = morton(np.where(inside[:, None], cells, self.index[0]) - self._base)
+        leaf = np.searchsorted(self._code, code, side="right") - 1
+        end = self._code[leaf] + (np.int64(1) << (3 * self.level[leaf].astype(np.int64)))
+        return np.where(inside & (leaf >= 0) & (code < end), leaf, -1)
+
+    def state_at(
+        self, index: npt.ArrayLike, thresholds: Thresholds | None = None
+    ) -> npt.NDArray[np.int8]:
+        """Decide cells: values of `State`, `State.UNKNOWN` where no leaf is; shape (m,)."""
+        leaf = self.find(index)
+        known = np.append(self.state(thresholds), np.int8(State.UNKNOWN))  # [-1] is the last
+        return known[leaf]
+
+    def cells(
+        self,
+        region: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
+        *,
+        max_cells: int = 50_000_000,
+    ) -> tuple[IntArray, FloatArray]:
+        """Single cells: index, shape (m, 3), x first, and probability, shape (m,), leaf by leaf.
+
+        Args:
+            region: (lo, hi), hi past the last cell; None: all.
+            max_cells: the most to be listed.
+
+        Raises:
+            MapTooLargeError: there are more than `max_cells`.
+        """
+        first, last = self.index, self.index + self.side[:, None]
+        if region is not None:
+            first = np.maximum(first, np.asarray(region[0], np.int64))
+            last = np.minimum(last, np.asarray(region[1], np.int64))
+        span = np.maximum(last - first, 0)
+        count = span.prod(axis=1)
+        # In Python's integers: disjoint leaves could cover 2^63 cells.
+        total = self.cell_count if region is None else sum(map(int, count))
+        if total > max_cells:
+            # Index, probability, and what it takes to get there: 64 bytes a cell.
+            raise MapTooLargeError(
+                f"{self.leaf_count} leaves cover {total} cells, listing them takes about "
+                f"{total * 64 / 1e9:.3g} GB; ask for a region, or raise max_cells ({max_cells})"
+            )
+        leaf = np.repeat(np.arange(len(count)), count)
+        number = np.arange(total) - np.repeat(np.cumsum(count) - count, count)
+        size = span[leaf]
+        index = first[leaf]
+        index[:, 0] += number % size[:, 0]
+        index[:, 1] += number // size[:, 0] % size[:, 1]
+        index[:, 2] += number // (size[:, 0] * size[:, 1])
+        return index, self.probability[leaf]
+
+    def save_octomap(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        clamp: tuple[float, float] | None = None,
+        thresholds: Thresholds | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write an OctoMap: see `oddsmap.map_files.octomap_writer.save_octomap`."""
+        from oddsmap.map_files.octomap_writer import save_octomap
+
+        save_octomap(self, Path(path), clamp=clamp, thresholds=thresholds, force=force)
+
+    def save_ply(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        thresholds: Thresholds | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write the occupied leaves as points: see `oddsmap.map_files.ply.save_ply`."""
+        from oddsmap.map_files.ply import save_ply
+
+        save_ply(self, Path(path), thresholds=thresholds, force=force)
+
+
+def _base_of(index: IntArray, side: IntArray) -> IntArray:
+    # The cell whose code is 0, aligned to the largest leaf.
+    if len(index) == 0:
+        return np.full(3, -_HALF, np.int64)
+    lo, hi = index.min(axis=0), (index + side[:, None]).max(axis=0)
+    if (lo >= -_HALF).all() and (hi <= _HALF).all():
+        return np.full(3, -_HALF, np.int64)
+    base = np.asarray(lo & -side.max(), np.int64)
+    # By division: a difference of far indices may not fit in 64 bits.
+    if ((hi - 1) // 2 - base // 2 >= 1 << (_BITS - 1)).any():
+        raise MapTooLargeError(
+            f"a map of space covers at most {1 << _BITS} cells along an axis, "
+            f"got {lo.tolist()} to {hi.tolist()}"
+        )
+    return base

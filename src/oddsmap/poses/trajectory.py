@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Poses over time: looked up by number or by stamp, never by guess."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import InputError
+from oddsmap.poses.pose import Pose3
+
+__all__ = ["NoPoseError", "Trajectory"]
+
+FloatArray = npt.NDArray[np.float64]
+StampArray = npt.NDArray[np.int64]
+
+
+class NoPoseError(InputError):
+    """There is no pose close enough to a stamp."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Poses in the order of their file, with or without stamps.
+
+    Args:
+        positions: positions [m], shape (n, 3).
+        rotations: rotation matrices, shape (n, 3, 3).
+        stamps_ns: time of each pose [ns], shape (n,), in any order; None where there are none.
+        path: where the poses come from: what messages start with.
+
+    Raises:
+        InputError: the shapes do not fit each other, or there is no pose.
+    """
+
+    positions: FloatArray
+    rotations: FloatArray
+    stamps_ns: StampArray | None = None
+    path: str = "the trajectory"
+    _order: npt.NDArray[np.intp] | None = field(init=False, repr=False, default=None)
+
+    def __post_init__(self) -> None:
+        n = len(self.positions)
+        if n == 0:
+            raise InputError(f"{self.path}: no poses: check how the file was written")
+        if self.positions.shape != (n, 3) or self.rotations.shape != (n, 3, 3):
+            raise InputError(
+                f"{self.path}: a trajectory needs positions (n, 3) and rotations (n, 3, 3), "
+                f"got {self.positions.shape} and {self.rotations.shape}"
+            )
+        if self.stamps_ns is None:
+            return
+        if self.stamps_ns.shape != (n,) or self.stamps_ns.dtype != np.int64:
+            raise InputError(
+                f"{self.path}: {n} poses need {n} stamps in int64 nanoseconds, "
+                f"got {self.stamps_ns.dtype} of shape {self.stamps_ns.shape}"
+            )
+        object.__setattr__(self, "_order", np.argsort(self.stamps_ns, kind="stable"))
+
+    def __len__(self) -> int:
+        """How many poses there are."""
+        return len(self.positions)
+
+    def __getitem__(self, i: int) -> Pose3:
+        """The pose of number `i`, in the order of the file."""
+        return Pose3(self.rotations[i], self.positions[i])
+
+    def __iter__(self) -> Iterator[Pose3]:
+        """The poses in the order of the file."""
+        return (self[i] for i in range(len(self)))
+
+    def with_stamps(self, stamps_ns: StampArray) -> Trajectory:
+        """The same poses with these stamps [ns], shape (n,)."""
+        return replace(self, stamps_ns=stamps_ns)
+
+    def at(self, stamp_ns: int, tolerance_ns: int, *, interpolate: bool = True) -> Pose3:
+        """The pose at a time.
+
+        A pose of exactly this stamp is given as it is. Otherwise the nearest pose must be within
+        the tolerance. Between two poses, position is interpolated linearly and rotation at
+        constant angular velocity (slerp); before the first pose and after the last, where nothing
+        can be interpolated, and without `interpolate`, it is the nearest pose (of two equally
+        near ones the earlier).
+
+        Args:
+            stamp_ns: the time [ns].
+            tolerance_ns: how far the nearest pose may be from it [ns].
+            interpolate: interpolate between neighbours.
+
+        Raises:
+            NoPoseError: no pose within the tolerance.
+            InputError: the trajectory has no stamps, or two different poses have this stamp.
+        """
+        if self.stamps_ns is None or self._order is None:
+            raise InputError(f"{self.path}: the poses have no stamps to look them up by")
+        # Python integers from here on: differences of int64 could wrap.
+        stamp = int(stamp_ns)
+        low = int(np.searchsorted(self.stamps_ns, stamp, "left", sorter=self._order))
+        high = int(np.searchsorted(self.stamps_ns, stamp, "right", sorter=self._order))
+        if low < high:
+            return self._only_pose(self._order[low:high], stamp)
+        before = int(self._order[low - 1]) if low > 0 else None
+        after = int(self._order[low]) if low < len(self) else None
+        gaps = [(abs(int(self.stamps_ns[i]) - stamp), i) for i in (before, after) if i is not None]
+        gap, nearest = min(gaps, key=lambda pair: pair[0])
+        if gap > tolerance_ns:
+            raise NoPoseError(
+                f"{self.path}: no pose within {tolerance_ns / 1e9:g} s of stamp "
+                f"{format_seconds(stamp)}, the nearest is {gap / 1e9:g} s away: check that scans "
+                "and poses use one clock, or allow more with tolerance_s"
+            )
+        if before is None or after is None or not interpolate:
+            return self[nearest]
+        start, end = int(self.stamps_ns[before]), int(self.stamps_ns[after])
+        return _interpolate(self[before], self[after], (stamp - start) / (end - start))
+
+    def _only_pose(self, rows: npt.NDArray[np.intp], stamp: int) -> Pose3:
+        first, *others = (int(row) for row in rows)
+        for row in others:
+            if not (
+                np.array_equal(self.positions[row], self.positions[first])
+                and np.array_equal(self.rotations[row], self.rotations[first])
+            ):
+                raise InputError(
+                    f"{self.path}: poses {first + 1} and {row + 1} differ and both have the stamp "
+                    f"{format_seconds(stamp)}: take one of them out"
+                )
+        return self[first]
+
+
+def format_seconds(stamp_ns: int) -> str:
+    """A stamp in seconds with all its digits, for people."""
+    sign = "-" if stamp_ns < 0 else ""
+    whole, part = divmod(abs(stamp_ns), 10**9)
+    return f"{sign}{whole}" + f".{part:09d}".rstrip("0").rstrip(".")
+
+
+def _interpolate(start: Pose3, end: Pose3, fraction: float) -> Pose3:
+    """Between two poses; the rotation takes the short way around one axis."""
+    position = (1.0 - fraction) * start.translation + fraction * end.translation
+    x, y, z, w = _quaternion_xyzw(start.rotation.T @ end.rotation)
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine == 0.0:
+        return Pose3(start.rotation, position)
+    # q and -q are one rotation: with w >= 0 the angle is at most pi.
+    angle = 2.0 * math.atan2(sine, abs(w)) * math.copysign(fraction, w)
+    half = math.sin(angle / 2) / sine
+    turn = Pose3.from_quaternion_xyzw(
+        np.zeros(3), [x * half, y * half, z * half, math.cos(angle / 2)]
+    )
+    return Pose3(start.rotation @ turn.rotation, position)
+
+
+def _quaternion_xyzw(rotation: FloatArray) -> tuple[float, float, float, float]:
+    """The unit quaternion of a rotation matrix, by its largest component.
+
+    Source: Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978).
+    """
+    m = rotation.tolist()
+    trace = m[0][0] + m[1][1] + m[2][2]
+    q = [0.0, 0.0, 0.0, 0.0]
+    diagonal = (m[0][0], m[1][1], m[2][2], trace)
+    largest = diagonal.index(max(diagonal))
+    if largest == 3:
+        q = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1], 1.0 + trace]
+    else:
+        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
+        q[i] = 1.0 + m[i][i] - m[j][j] - m[k][k]
+        q[j] = m[j][i] + m[i][j]
+        q[k] = m[k][i] + m[i][k]
+        q[3] = m[k][j] - m[j][k]
+    norm = math.sqrt(sum(value * value for value in q))
+    return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the caller says of a log that its files do not."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.poses.pose import Pose3
+from oddsmap.poses.trajectory import Trajectory
+from oddsmap.scans.depth_image import PinholeCamera
+
+__all__ = ["FilePath", "Given"]
+
+FilePath = str | os.PathLike[str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Given:
+    """Arguments of `open_log`, described there."""
+
+    poses: FilePath | Trajectory | None = None
+    times: FilePath | None = None
+    body_from_sensor: Pose3 | None = None
+    camera: PinholeCamera | None = None
+    skip_bad: bool = False
+    tolerance_s: float = 0.02
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.tolerance_s < math.inf:
+            raise ConfigError(f"tolerance_s is a time of 0 s or more, got {self.tolerance_s}")
+
+    @property
+    def tolerance_ns(self) -> int:
+        """The tolerance [ns]."""
+        return round(self.tolerance_s * 1e9)
+
+    def sensor_pose(self, map_from_body: Pose3) -> Pose3:
+        """The pose of the sensor, given that of the body that carries it."""
+        if self.body_from_sensor is None:
+            return map_from_body
+        return map_from_body @ self.body_from_sensor
+
+    def refuse(self, path: str, format_name: str, *names: str) -> None:
+        """Raise InputError where one of these arguments was given: nothing is ignored silently."""
+        why = {
+            "poses": "has poses",
+            "times": "has its stamps with its poses",
+            "body_from_sensor": "has the poses of its sensor",
+            "camera": "holds no depth images",
+        }
+        for name in names:
+            if getattr(self, name) is not None:
+                raise InputError(
+                    f"{path}: {format_name} {why[name]}: leave `{name}` out for this log"
+                )

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Depth cameras: the pinhole model, and one depth image with its pose.
+
+The optical frame has x to the right of the image, y down and z forward, along which depth is
+measured. Pixel (u, v) is column u, row v; its centre is at (u, v) itself.
+
+Source: Hartley, Zisserman: Multiple View Geometry (2004), section 6.1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.poses.pose import Pose3
+from oddsmap.scans.scan import Scan
+
+__all__ = ["DepthScan", "PinholeCamera"]
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class PinholeCamera:
+    """A camera without distortion.
+
+    Args:
+        fx: focal length in columns [pixels]. Negative: the x axis points to the left.
+        fy: focal length in rows [pixels]. Negative: the y axis points up (ICL-NUIM).
+        cx: column of the principal point [pixels].
+        cy: row of the principal point [pixels].
+        width: columns of the image.
+        height: rows of the image.
+
+    Raises:
+        ConfigError: a focal length is 0 or not finite, or the image has no pixels.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or value == 0.0:
+                raise ConfigError(f"camera.{name} is a focal length in pixels, got {value}")
+        for name in ("cx", "cy"):
+            value = getattr(self, name)
+            if not math.isfinite(value):
+                raise ConfigError(f"camera.{name} is a position in pixels, got {value}")
+        for name in ("width", "height"):
+            value = getattr(self, name)
+            if not value >= 1 or value != int(value):
+                raise ConfigError(f"camera.{name} is a count of pixels, got {value}")
+
+    @property
+    def directions(self) -> FloatArray:
+        """Unit vectors through the pixels in the optical frame, row by row, shape (h * w, 3).
+
+        Computed once for a camera, shared and read-only.
+        """
+        return _rays(self)[0]
+
+    @property
+    def range_per_depth(self) -> FloatArray:
+        """Distance along each pixel's ray at depth 1, shape (h, w), shared and read-only."""
+        return _rays(self)[1]
+
+
+@lru_cache(maxsize=4)
+def _rays(camera: PinholeCamera) -> tuple[FloatArray, FloatArray]:
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    rays = np.ones((camera.height, camera.width, 3))
+    rays[..., 0], rays[..., 1] = x[None, :], y[:, None]
+    length = np.sqrt(np.square(rays).sum(axis=2))
+    directions = (rays / length[..., None]).reshape(-1, 3)
+    directions.flags.writeable = length.flags.writeable = False
+    return directions, length
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthScan:
+    """One depth image with its pose.
+
+    Args:
+        map_from_sensor: pose of the optical frame in the map frame.
+        depth: distance along z [m], shape (h, w), float32. 0, negative, NaN and infinite pixels
+            carry no information.
+        camera: the intrinsics.
+        stamp_ns: time of the image [ns], or None where the log has none to trust.
+
+    Raises:
+        InputError: the image has another size than the intrinsics are for.
+    """
+
+    map_from_sensor: Pose3
+    depth: npt.NDArray[np.float32]
+    camera: PinholeCamera
+    stamp_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.depth.shape != (self.camera.height, self.camera.width):
+            size = " x ".join(str(n) for n in self.depth.shape[::-1])
+            raise InputError(
+                f"the depth image is {size} pixels, the intrinsics are for "
+                f"{self.camera.width} x {self.camera.height}: give the camera of this image"
+            )
+
+    @property
+    def size(self) -> int:
+        """How many readings there are."""
+        return int(self.depth.size)
+
+    def to_scan(self) -> Scan:
+        """One beam a pixel, row by row; pixels without information have range NaN."""
+        depth = self.depth.astype(np.float64)
+        with np.errstate(invalid="ignore"):
+            ranges = np.where(
+                (depth > 0) & np.isfinite(depth), depth * self.camera.range_per_depth, np.nan
+            )
+        return Scan(self.map_from_sensor, self.camera.directions, ranges.ravel(), self.stamp_ns)

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs of many files, or of one large file: a scan is read when it is asked for, and not kept."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from oddsmap.errors import InputError
+from oddsmap.poses.trajectory import NoPoseError
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.scans.scan import Scan
+
+__all__ = ["DepthLog", "LazyLog"]
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class LazyLog:
+    """Scans that are read while one iterates; satisfies the `Log` protocol.
+
+    Args:
+        path: where the log was read from, as the caller wrote it.
+        format: name of the format, for people.
+        scan_count: how many scans there are, the unreadable ones among them.
+        read_scan: reads the scan of a number; raises InputError where it cannot be read.
+        skip_bad: skip such a scan and count it (`scan.unreadable`, or `scan.no_pose` where there
+            is no pose near its stamp), instead of raising.
+        opening_notes: what a person should know before anything is read.
+        opening_skipped: what had to be skipped to open the log, by reason.
+        sensor: what the log says of its sensor.
+    """
+
+    path: str
+    format: str
+    scan_count: int
+    read_scan: Callable[[int], Scan]
+    skip_bad: bool = False
+    opening_notes: tuple[str, ...] = ()
+    opening_skipped: Counter[str] = field(default_factory=Counter)
+    sensor: Mapping[str, float] = field(default_factory=dict)
+    # By number, so that a scan met again when the log is read again is not counted again.
+    _bad: dict[int, InputError] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def skipped(self) -> Counter[str]:
+        """What could not be read, by reason, as far as the log has been read."""
+        reasons = (
+            "scan.no_pose" if isinstance(error, NoPoseError) else "scan.unreadable"
+            for error in self._bad.values()
+        )
+        return self.opening_skipped + Counter(reasons)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know of this log, one sentence each."""
+        if not self._bad:
+            return self.opening_notes
+        first = self._bad[min(self._bad)]
+        return (*self.opening_notes, f"{len(self._bad)} scans were skipped, the first: {first}")
+
+    def __len__(self) -> int:
+        """How many scans there are, the unreadable ones among them."""
+        return self.scan_count
+
+    def __iter__(self) -> Iterator[Scan]:
+        """The scans in order; can be started again."""
+        return self._read_all(self.read_scan)
+
+    def _read_all(self, read: Callable[[int], _T]) -> Iterator[_T]:
+        for i in range(self.scan_count):
+            try:
+                item = read(i)
+            except InputError as error:
+                if not self.skip_bad:
+                    raise
+                self._bad[i] = error
+                continue
+            yield item
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class DepthLog(LazyLog):
+    """Depth images: as beams when iterated, as images by `depth_scans`.
+
+    Args:
+        camera: the intrinsics of all images.
+        read_depth: reads the depth image of a number.
+    """
+
+    camera: PinholeCamera
+    read_depth: Callable[[int], DepthScan]
+
+    def depth_scans(self) -> Iterator[DepthScan]:
+        """The depth images in order; can be started again."""
+        return self._read_all(self.read_depth)

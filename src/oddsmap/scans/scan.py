@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A measurement z_t with its pose, and what a log is."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.errors import InputError
+from oddsmap.poses.pose import Pose, Pose2, Pose3
+
+__all__ = ["Log", "Scan"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """One measurement z_t: ranges along known directions, from a known pose.
+
+    Args:
+        map_from_sensor: pose of the sensor in the map frame.
+        directions: unit vectors in the sensor frame, shape (n, d), d = 2 or 3. Scans of one
+            sensor may share the array: it is never written to.
+        ranges: distance along each direction [m], shape (n,). +Inf = nothing seen, NaN or
+            -Inf = no information (REP-117).
+        stamp_ns: time of the scan [ns], or None where the log has none to trust.
+
+    Raises:
+        InputError: the shapes do not fit each other.
+    """
+
+    map_from_sensor: Pose
+    directions: npt.NDArray[np.float64]
+    ranges: npt.NDArray[np.float64]
+    stamp_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        d = 2 if isinstance(self.map_from_sensor, Pose2) else 3
+        n = len(self.ranges)
+        if self.ranges.ndim != 1 or self.directions.shape != (n, d):
+            raise InputError(
+                f"a scan with a {d}D pose needs ranges (n,) and directions (n, {d}), "
+                f"got {self.ranges.shape} and {self.directions.shape}"
+            )
+
+    @property
+    def size(self) -> int:
+        """How many readings there are."""
+        return len(self.ranges)
+
+    @classmethod
+    def from_points(
+        cls, map_from_sensor: Pose3, points: npt.ArrayLike, stamp_ns: int | None = None
+    ) -> Scan:
+        """Take the points of a cloud as the ends of beams from the sensor.
+
+        `directions * ranges[:, None]` gives the points back to within a few roundings of float64.
+
+        Args:
+            map_from_sensor: pose of the sensor in the map frame.
+            points: points in the sensor frame [m], shape (n, 3). One that is not finite becomes a
+                range of NaN, so that it is counted; one at the sensor itself has range 0.
+            stamp_ns: time of the scan [ns].
+
+        Raises:
+            InputError: `points` has another shape.
+        """
+        ends = np.asarray(points, dtype=np.float64)
+        if ends.ndim != 2 or ends.shape[1] != 3:
+            raise InputError(f"the points of a scan have shape (n, 3), got {ends.shape}")
+        with np.errstate(invalid="ignore", over="ignore"):
+            # Not the root of the sum of squares: that overflows and underflows half way.
+            ranges = np.hypot(np.hypot(ends[:, 0], ends[:, 1]), ends[:, 2])
+        ranges[~np.isfinite(ranges)] = np.nan
+        directions = np.zeros_like(ends)
+        usable = ranges > 0
+        np.divide(ends, ranges[:, None], out=directions, where=usable[:, None])
+        directions[~usable, 0] = 1.0
+        return cls(map_from_sensor, directions, ranges, stamp_ns)
+
+
+class Log(Protocol):
+    """Scans in file order, and what had to be skipped to get them."""
+
+    @property
+    def path(self) -> str:
+        """Where the log was read from."""
+
+    @property
+    def format(self) -> str:
+        """Name of the format, for people: "CARMEN", "NPZ beam log"."""
+
+    @property
+    def sensor(self) -> Mapping[str, float]:
+        """What the log says of its sensor, by the names of the configuration: `range_max` [m]..."""
+
+    @property
+    def skipped(self) -> Counter[str]:
+        """Lines and scans that could not be read, by reason ("line.short": 3)."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know of this log, one sentence each."""
+
+    def __len__(self) -> int:
+        """How many scans there are."""
+
+    # Scans of ranges nearly always, so that is what type checkers offer; `Any` stands for the
+    # `GridScan`s of a log of grids.
+    def __iter__(self) -> Iterator[Scan | Any]:
+        """The scans in file order; can be started again."""

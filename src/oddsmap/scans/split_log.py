@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every k-th scan kept back from a map, to score it with."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from oddsmap.errors import ConfigError
+from oddsmap.scans.scan import Log, Scan
+
+__all__ = ["PartOfLog", "every_of", "hold_out"]
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartOfLog:
+    """The scans of a log that are mapped, or those that are held out; satisfies `Log`.
+
+    Args:
+        log: the whole log.
+        every: the k-th, 2k-th, 3k-th scan that can be read is held out.
+        held: True: these scans; False: all others.
+    """
+
+    log: Log
+    every: int
+    held: bool
+
+    @property
+    def path(self) -> str:
+        """Where the log was read from."""
+        return self.log.path
+
+    @property
+    def format(self) -> str:
+        """Name of the format, for people."""
+        return self.log.format
+
+    @property
+    def sensor(self) -> Mapping[str, float]:
+        """What the log says of its sensor."""
+        return self.log.sensor
+
+    @property
+    def skipped(self) -> Counter[str]:
+        """Lines and scans of the whole log that could not be read, by reason."""
+        return self.log.skipped
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know of the log."""
+        return self.log.notes
+
+    def __len__(self) -> int:
+        """How many scans there are."""
+        held = len(self.log) // self.every
+        return held if self.held else len(self.log) - held
+
+    def __iter__(self) -> Iterator[Scan | Any]:
+        """The scans in file order; can be started again."""
+        return self._part(iter(self.log))
+
+    def _part(self, scans: Iterator[_T]) -> Iterator[_T]:
+        for number, scan in enumerate(scans, 1):
+            if (number % self.every == 0) == self.held:
+                yield scan
+
+
+class _PartOfDepthLog(PartOfLog):
+    """The same of a log of depth images."""
+
+    def depth_scans(self) -> Iterator[Any]:
+        """The depth images in order; can be started again."""
+        return self._part(iter(self.log.depth_scans()))  # type: ignore[attr-defined]
+
+
+def hold_out(log: Log, every: int) -> tuple[PartOfLog, PartOfLog]:
+    """Split a log into the scans to map and every k-th scan, held out; the same ones each time.
+
+    Args:
+        log: the whole log.
+        every: k, at least 2: the k-th, 2k-th, 3k-th scan is held out.
+
+    Returns:
+        The scans to map, and the scans held out.
+
+    Raises:
+        ConfigError: k is below 2.
+    """
+    if every < 2:
+        raise ConfigError(f"every k-th scan is held out, k at least 2, got {every}")
+    kind = _PartOfDepthLog if hasattr(log, "depth_scans") else PartOfLog
+    return kind(log, every, held=False), kind(log, every, held=True)
+
+
+def every_of(share: float) -> int:
+    """Which scan is held out for a share of them: 0.1 is every tenth.
+
+    Raises:
+        ConfigError: the share is not above 0 and up to one half.
+    """
+    if not 0.0 < share <= 0.5:
+        raise ConfigError(
+            f"--hold-out {share:g}: the share of scans kept back lies above 0 and up to 0.5"
+        )
+    return round(1.0 / share)
