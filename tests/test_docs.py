@@ -65,7 +65,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_files_named_in_the_text_exist(page: Path) -> None:
-    """`kernels/rays3d.py` and the like, from the page, the repository or the package."""
+    """`kernels/trace/rays3d.py` and the like, from the page, the repository or the package."""
     places = (page.parent, ROOT, ROOT / "src" / "oddsmap")
     named = re.findall(r"`([\w/]+/[\w/]*\w\.(?:py|md))`", prose(page))
     assert [name for name in named if not any((place / name).exists() for place in places)] == []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Path lengths: by hand, and what must not change a bit. The oracle is in kernels/test_zone.py."""
+"""Path lengths: by hand, what must not change a bit. Oracle: kernels/trace/test_hit_region.py."""
 
 from __future__ import annotations
 

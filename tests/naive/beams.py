@@ -1,4 +1,4 @@
-"""Sorting readings, one NumPy step a rule: the readable version of kernels/beams.py."""
+"""Sorting readings, one NumPy step a rule: the readable version of kernels/trace/clip_beams.py."""
 
 from __future__ import annotations
 

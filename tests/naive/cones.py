@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The votes of one wide beam by the rule in words: every cell of a box is asked.
 
-Lengths and positions are in cells. Floats are combined as `kernels/cone_votes.py` combines them, so
-that results are equal to the last bit; which cells the axis passes is found in exact arithmetic.
+Lengths and positions are in cells. Floats are combined as `kernels/vote/cone_votes.py` combines
+them, so that results are equal to the last bit; which cells the axis passes is found in exact arithmetic.
 """
 
 from __future__ import annotations

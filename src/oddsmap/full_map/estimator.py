@@ -2,10 +2,10 @@
 """The whole map at once, from p(z | map, pose): batch estimation.
 
     scans -> usable_beams        # readings.py: what carries information
-          -> list_rows           # rows.py: the cells of each beam, numbered
-          -> Propagation.run     # propagation.py: messages until they rest
-         (-> gibbs, hill_climb   # joint.py: from there on, where they are asked for)
-          -> FullMap             # view.py
+          -> list_rows           # forward/beam_rows.py: the cells of each beam, numbered
+          -> Propagation.run     # belief_propagation.py: messages until they rest
+         (-> gibbs, hill_climb   # joint_samples.py: from there on, where they are asked for)
+          -> FullMap             # full_map.py
 
 docs/method/full-map.md explains the method.
 """

@@ -2,7 +2,7 @@
 """From where message passing ends to the joint posterior: Gibbs marginals, samples, the best map.
 
 Both go on with the factors that messages were passed along, and from the map of the cells whose
-belief is above 1/2: `sampling.py`.
+belief is above 1/2: `gibbs.py`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole map while the robot drives: beams are looked at a few times, and then let go.
 
-    scan -> list_rows            # rows.py: the cells of its beams
+    scan -> list_rows            # forward/beam_rows.py: the cells of its beams
          -> sweep                # first messages, from the beliefs as they are
          -> sweep the window     # the last scans once more, oldest first
          -> tell neighbours      # now and then, where beliefs have changed

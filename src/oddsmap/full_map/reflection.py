@@ -4,7 +4,7 @@
 Counting gives a hit of a wide beam to all cells of an arc. Here the forward model p(z | map, pose)
 shares it among them by how likely each is to have caused it, all cells being estimated together:
 the factors of full-map estimation, with a Beta distribution of each cell's reflectivity in place
-of a probability of being occupied (`kernels/beta_factor.py`).
+of a probability of being occupied (`kernels/infer/beta_factor.py`).
 
     scans -> BeamCollector       # collector.py: the cells of each beam, numbered
           -> filter_beams        # "adf": one pass, in the order of the log

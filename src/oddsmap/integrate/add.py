@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans and a sensor model to evidence: the mapping itself.
 
-for each batch of scans:                    # workers.py, shared among threads
+for each batch of scans:                    # threads.py, shared among threads
 segments = sensor.segments(batch)       # sensors/beam.py: metres, map frame
-cells = to_cells(segments)              # cells.py: position / resolution
-integrator.add(cells)                   # integrate2d.py, integrate3d.py: exact votes
+cells = to_cells(segments)              # to_cells.py: position / resolution
+integrator.add(cells)                   # rays2d.py, rays3d.py: exact votes
 """
 
 from __future__ import annotations

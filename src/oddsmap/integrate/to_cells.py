@@ -22,7 +22,7 @@ IntArray = npt.NDArray[np.int64]
 
 # Beyond this many cells from the map's origin no precision is left within a cell.
 MAX_COORDINATE = float(1 << 45)
-# A longer segment would leave fixed point (see kernels/segments.py).
+# A longer segment would leave fixed point (see kernels/trace/segments2d.py).
 _MAX_LENGTH = 1 << 22
 
 

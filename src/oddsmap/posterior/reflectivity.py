@@ -198,7 +198,7 @@ class BetaView(ABC):
     def save_ros(
         self, path: str | os.PathLike[str], *, mode: RosMode = "scale", force: bool = False
     ) -> tuple[Path, Path]:
-        """Write the mean as a ROS map of probabilities: see `oddsmap.map_files.ros_writer.save_ros`.
+        """Write the mean as a ROS map of probabilities: see `map_files.ros_writer.save_ros`.
 
         The thresholds written are 0 and 1, so that readers take every value as it is.
 

@@ -55,7 +55,7 @@ def fit_ground(index: IntArray, resolution: float) -> GroundPlane:
        sight), and up to about 1/4 below.
     3. Least squares over the patches within two cells, at least 0.1 m, of that plane.
 
-    It is one plane; for ramps, steps and hills see `oddsmap.projection.ground_surface.fit_ground_surface`.
+    It is one plane; for ramps, steps and hills see `fit_ground_surface`.
 
     Args:
         index: the occupied cells, shape (n, 3), x first.

@@ -58,7 +58,7 @@ def project(
     Other Args:
         ground: what heights are measured from. None: z = 0 of the map frame. "relative": the
             lowest surfaces, which follows tilts, ramps and terraces, see
-            `oddsmap.projection.ground_surface.fit_ground_surface`. Or a `GroundPlane`, a `GroundSurface`, or
+            `fit_ground_surface`. Or a `GroundPlane`, a `GroundSurface`, or
             a function of x and y [m], arrays of shape (n,), that gives the ground's z [m].
 
     Returns:

@@ -288,7 +288,7 @@ def _sorted(
 ]:
     """How far beams say something [m]; is it a return, does it mark, is it of use; the skipped.
 
-    The rules of `kernels/beams.py`: wide beams are few, and NumPy is fast enough.
+    The rules of `kernels/trace/clip_beams.py`: wide beams are few, and NumPy is fast enough.
     """
     range_min, range_max, clear_unseen, clear_over = beam.limits
     nothing = np.isnan(ranges) | ~np.isfinite(axes).all(axis=1)

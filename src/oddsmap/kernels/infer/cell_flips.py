@@ -2,8 +2,8 @@
 """One map at a time: each cell free or occupied, turned over one by one.
 
 The binary relatives of `beam_factor.py`. A cell's odds given all others take O(1) for each beam
-that meets it (`beam_bins.py`); when it is turned over, the bins of its beams are gone through
-again. The sums are made anew each time, so that nothing drifts. Gibbs sampling draws each cell
+that meets it (`incremental_likelihood.py`); when it is turned over, the bins of its beams are gone
+through again. The sums are made anew each time, so that nothing drifts. Gibbs sampling draws each cell
 given all others; hill climbing takes what is more probable.
 
 Source: Geman and Geman, Stochastic relaxation (1984); Besag, On the statistical analysis of dirty

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The forward sensor model of beams: which bin the first echo comes from, and p(z | map, pose).
 
-For a beam whose cells are sorted into bins k = 0, 1, ... (`cone_cells.py`), with d the chance that
-an occupied cell returns the beam and m whether it is occupied (or how probably):
+For a beam whose cells are sorted into bins k = 0, 1, ... (`trace/cone_cells.py`), with d the
+chance that an occupied cell returns the beam and m whether it is occupied (or how probably):
 
     T_0 = 1,  Q_k = prod over bin k of (1 - d m),
     P(first echo from k) = T_k (1 - Q_k),  T_{k+1} = T_k Q_k,  P(no echo) = T_K,

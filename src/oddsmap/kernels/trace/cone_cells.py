@@ -12,8 +12,8 @@ gone through in one sweep.
   certain, however little of the cell it meets.
 - The cell that the sensor is in is left out: the sensor stands there, so it is free.
 
-Everything is in cells (position / resolution). The two kinds of space are in `cone_plane.py`
-(exact) and `cone_space.py` (cells taken as balls).
+Everything is in cells (position / resolution). The two kinds of space are in `cone2d.py`
+(exact) and `cone3d.py` (cells taken as balls).
 """
 
 from __future__ import annotations

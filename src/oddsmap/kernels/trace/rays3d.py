@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which cells of space does a ray pass? Exact, in slabs along its dominant axis.
 
-The rules are those of `segments.py`, one dimension up: a ray passes a cell if and only if it has
+The rules are those of `segments2d.py`, one dimension up: a ray passes a cell if and only if it has
 positive length inside it. Along the dominant axis a (b < c are the others) the ray is cut at the
 cell borders into slabs. In one slab b and c each move by at most one cell, so a slab holds the cell
 of entry, the cell of leaving, and, where both b and c change, the cell between: which one it is

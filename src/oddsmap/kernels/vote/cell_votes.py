@@ -2,8 +2,8 @@
 """Weights of single cells, of a plane or of space, gathered scan by scan.
 
 For sensors that say themselves which cells a reading speaks of (a cone, a camera that sees the
-cells): what the rays of `integrate2d.py` and `integrate3d.py` do not have to list, because it is
-implied. The window is `integrate3d.py`'s: a table of blocks, memory where a block is touched.
+cells): what the rays of `rays2d.py` and `rays3d.py` do not have to list, because it is
+implied. The window is `rays3d.py`'s: a table of blocks, memory where a block is touched.
 """
 
 from __future__ import annotations
