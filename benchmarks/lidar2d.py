@@ -36,7 +36,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 from benchmarks import numpy_mapper  # noqa: E402
 from benchmarks.peers import mrpt  # noqa: E402
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, build_map, open_log  # noqa: E402
-from oddsmap.kernels.vote.tiles import ONE  # noqa: E402
+from oddsmap.kernels.units import ONE  # noqa: E402
 from oddsmap.simulate import (  # noqa: E402
     Disc,
     FloorPlan,

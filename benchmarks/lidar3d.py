@@ -36,9 +36,9 @@ from benchmarks.peers import octomap_python  # noqa: E402
 from benchmarks.peers.octomap_python import Cloud  # noqa: E402
 from oddsmap import EvidenceMap, Pose3, Scan, build_map  # noqa: E402
 from oddsmap.errors import OddsmapError  # noqa: E402
-from oddsmap.kernels.vote.tiles import ONE  # noqa: E402
+from oddsmap.kernels.units import ONE  # noqa: E402
+from oddsmap.odds import logit  # noqa: E402
 from oddsmap.scans.depth_image import DepthScan  # noqa: E402
-from oddsmap.sensors.inverse_model import logit  # noqa: E402
 from oddsmap.simulate import DepthCamera, Lidar3D, drive3d, room, room_walk, town  # noqa: E402
 from tests.naive import mapping3d  # noqa: E402
 

@@ -27,9 +27,9 @@ from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.estimator import build_full_map
 from oddsmap.full_map.online import OnlineFullMap
 from oddsmap.full_map.readings import usable_beams
-from oddsmap.integrate.add import said_of_sensor
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows
 from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.registry import stated_of_sensor
 
 __all__ = ["CASES", "Case", "load_cases", "score_all"]
 
@@ -95,7 +95,7 @@ def load_cases(folder: Path, name: str) -> list[Case]:
     cases = []
     for path in sorted(folder.glob(f"{name}_*.npz")):
         log, arrays = open_log(path), np.load(path)
-        said = said_of_sensor(log)
+        said = stated_of_sensor(log)
         said.pop("kind")
         said |= _SPECULAR if name == "E6" else {}
         cases.append(Case(name, list(log), said, arrays["truth"], arrays["scored"]))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.rays2d import Integrator2D
 from oddsmap.poses.pose import Pose2
 from oddsmap.scans.scan import Scan
@@ -21,7 +21,7 @@ ONE = 65536
 Votes = dict[tuple[int, ...], tuple[int, int]]
 
 
-def votes_of(evidence: EvidenceMap) -> Votes:
+def votes_of(evidence: Evidence) -> Votes:
     """Cell -> (hits, passes) in units of 1/65536 vote."""
     index, hits, passes = evidence.cells()
     votes = {
@@ -32,7 +32,7 @@ def votes_of(evidence: EvidenceMap) -> Votes:
     return votes
 
 
-def add_votes(evidence: EvidenceMap, votes: Votes) -> None:
+def add_votes(evidence: Evidence, votes: Votes) -> None:
     """The inverse of `votes_of`."""
     d = evidence.ndim
     index = np.array(list(votes), np.int64).reshape(-1, d)
@@ -42,7 +42,7 @@ def add_votes(evidence: EvidenceMap, votes: Votes) -> None:
 
 
 def add_beams(
-    evidence: EvidenceMap,
+    evidence: Evidence,
     origin: Point,
     beams: Sequence[Beam],
     *,

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence_map import EvidenceMap
 from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.integrate.to_cells import to_cells
 from oddsmap.poses.pose import Pose3

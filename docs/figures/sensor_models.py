@@ -25,7 +25,8 @@ from oddsmap import (
     Window,
     build_map,
 )
-from oddsmap.sensors.registry import Measurement, Sensor
+from oddsmap.scans.measurement import Measurement
+from oddsmap.sensors.registry import Sensor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

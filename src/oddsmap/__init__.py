@@ -14,6 +14,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from oddsmap.version import __version__
+
 if TYPE_CHECKING:
     from oddsmap.config.full_map import FullMapConfig
     from oddsmap.errors import (
@@ -23,24 +25,21 @@ if TYPE_CHECKING:
         OddsmapError,
         OutputError,
     )
-    from oddsmap.evidence.evidence import EvidenceMap
-    from oddsmap.evidence.store import load_map
+    from oddsmap.evidence_map import EvidenceMap, build_map, load_map
     from oddsmap.forward.beams import Beams
     from oddsmap.forward.model import ForwardModel
     from oddsmap.forward.occupancy_box import Window
     from oddsmap.full_map.estimator import FullMapEstimator, build_full_map
     from oddsmap.full_map.exact import ExactPosterior
-    from oddsmap.full_map.full_map import FullMap
+    from oddsmap.full_map.full_map import FullMap, load_full_map
     from oddsmap.full_map.online import OnlineFullMap
     from oddsmap.full_map.reflection import build_reflection_map
     from oddsmap.full_map.reflection_map import ReflectionMap
-    from oddsmap.full_map.store import load_full_map
-    from oddsmap.integrate.add import add_scans, build_map
+    from oddsmap.integrate.add import add_scans
     from oddsmap.landmarks.landmark_map import LandmarkMap
-    from oddsmap.map_files.octomap_reader import load_octomap
-    from oddsmap.map_files.ros_reader import load_ros
-    from oddsmap.maps.probability_map import ProbabilityMap, State, Thresholds
-    from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.maps.probability_map import ProbabilityMap, load_ros
+    from oddsmap.maps.voxel_map import VoxelMap, load_octomap
+    from oddsmap.odds import State, Thresholds
     from oddsmap.poses.pose import Pose2, Pose3
     from oddsmap.posterior.changes import changed
     from oddsmap.posterior.decay_rate import DecayRate
@@ -49,15 +48,15 @@ if TYPE_CHECKING:
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.projection.project import project
     from oddsmap.readers import open_log
-    from oddsmap.scans.scan import Log, Scan
+    from oddsmap.scans.grid_scan import GridScan
+    from oddsmap.scans.log import Log
+    from oddsmap.scans.scan import Scan
     from oddsmap.scoring.calibration import calibrate
     from oddsmap.scoring.held_out import score_map
     from oddsmap.scoring.truth import evaluate
     from oddsmap.sensors.beam import BeamSensor
     from oddsmap.sensors.cone import ConeSensor
-    from oddsmap.sensors.overhead import GridScan, OverheadSensor
-
-__version__ = "0.1.0"
+    from oddsmap.sensors.overhead import OverheadSensor
 
 __all__ = [
     "BeamSensor",
@@ -116,16 +115,16 @@ _HOME = {
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
     "DecayRate": "posterior.decay_rate",
-    "EvidenceMap": "evidence.evidence",
+    "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",
     "ForwardModel": "forward.model",
     "FullMap": "full_map.full_map",
     "FullMapConfig": "config.full_map",
     "FullMapEstimator": "full_map.estimator",
-    "GridScan": "sensors.overhead",
+    "GridScan": "scans.grid_scan",
     "InputError": "errors",
     "LandmarkMap": "landmarks.landmark_map",
-    "Log": "scans.scan",
+    "Log": "scans.log",
     "LogOdds": "posterior.log_odds",
     "MapTooLargeError": "errors",
     "OddsmapError": "errors",
@@ -139,21 +138,21 @@ _HOME = {
     "Reflection": "posterior.reflection",
     "ReflectionMap": "full_map.reflection_map",
     "Scan": "scans.scan",
-    "State": "maps.probability_map",
-    "Thresholds": "maps.probability_map",
+    "State": "odds",
+    "Thresholds": "odds",
     "VoxelMap": "maps.voxel_map",
     "Window": "forward.occupancy_box",
     "add_scans": "integrate.add",
     "build_full_map": "full_map.estimator",
-    "build_map": "integrate.add",
+    "build_map": "evidence_map",
     "build_reflection_map": "full_map.reflection",
     "calibrate": "scoring.calibration",
     "changed": "posterior.changes",
     "evaluate": "scoring.truth",
-    "load_full_map": "full_map.store",
-    "load_map": "evidence.store",
-    "load_octomap": "map_files.octomap_reader",
-    "load_ros": "map_files.ros_reader",
+    "load_full_map": "full_map.full_map",
+    "load_map": "evidence_map",
+    "load_octomap": "maps.voxel_map",
+    "load_ros": "maps.probability_map",
     "open_log": "readers",
     "project": "projection.project",
     "score_map": "scoring.held_out",

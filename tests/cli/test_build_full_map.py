@@ -12,8 +12,8 @@ import pytest
 import oddsmap
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.full_map.estimator import build_full_map
-from oddsmap.full_map.store import load_full_map
-from oddsmap.map_files.octomap_reader import load_octomap
+from oddsmap.full_map.full_map import load_full_map
+from oddsmap.maps.voxel_map import load_octomap
 from oddsmap.poses.pose import Pose2
 from oddsmap.sensors.cone import ConeSensor
 from tests.cli.conftest import Run

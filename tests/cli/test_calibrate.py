@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oddsmap.evidence.store import load_map
+from oddsmap.evidence_map import load_map
 from tests.cli.conftest import Run
 from tests.cli.test_score import sonar
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oddsmap.evidence.store import load_map
-from oddsmap.full_map.store import load_full_map
+from oddsmap.evidence_map import load_map
+from oddsmap.full_map.full_map import load_full_map
 from oddsmap.readers import open_log
 from oddsmap.scans.split_log import hold_out
 from oddsmap.scoring.held_out import score_map

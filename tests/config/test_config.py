@@ -26,7 +26,8 @@ from oddsmap.forward.beams import Beams
 from oddsmap.forward.occupancy_box import Window
 from oddsmap.full_map.estimator import FullMapEstimator
 from oddsmap.poses.pose import Pose2, Pose3
-from oddsmap.sensors.registry import KINDS, Measurement
+from oddsmap.scans.measurement import Measurement
+from oddsmap.sensors.registry import KINDS
 from tests.full_map.kit import room
 
 HOLDERS: dict[str, Any] = {

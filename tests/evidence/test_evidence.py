@@ -17,7 +17,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from oddsmap import BeamSensor, EvidenceMap, add_scans
 from oddsmap.config.config import PosteriorConfig
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.kernels.vote.tiles import MAX_UNITS
+from oddsmap.kernels.units import MAX_UNITS
 from tests.kit import ONE, Votes, add_votes, random_scans, votes_of
 
 coordinate = st.one_of(st.integers(-40, 40), st.integers(-1100, 1100))

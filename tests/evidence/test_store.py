@@ -19,7 +19,7 @@ from oddsmap.config.config import PosteriorConfig
 from oddsmap.errors import InputError, OddsmapError, OutputError
 from oddsmap.evidence import store
 from oddsmap.evidence.tiles import TileStore
-from oddsmap.kernels.vote.tiles import MAX_UNITS
+from oddsmap.kernels.units import MAX_UNITS
 from tests.kit import ONE, Votes, add_votes, random_scans, votes_of
 
 UTM = (10_000_000, 108_000_000)

@@ -18,10 +18,9 @@ from oddsmap.forward import beam_rows as rows
 from oddsmap.forward import cell_grid as field
 from oddsmap.forward.beams import Beams
 from oddsmap.full_map.estimator import FullMapEstimator, build_full_map
-from oddsmap.full_map.full_map import FullMap
+from oddsmap.full_map.full_map import FullMap, load_full_map
 from oddsmap.full_map.readings import usable_beams
-from oddsmap.full_map.store import load_full_map
-from oddsmap.maps.probability_map import State
+from oddsmap.odds import State
 from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor

@@ -13,9 +13,9 @@ from oddsmap import build_map, open_log
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.full_map.estimator import build_full_map
 from oddsmap.full_map.full_map import FullMap
-from oddsmap.integrate.add import said_of_sensor
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.registry import stated_of_sensor
 
 pytestmark = pytest.mark.realdata
 
@@ -47,7 +47,7 @@ def scores(p: npt.NDArray[np.float64], truth: npt.NDArray[np.bool_]) -> tuple[fl
 
 
 def sonar_map(path: Path, **others: float) -> FullMap:
-    said = said_of_sensor(open_log(path))
+    said = stated_of_sensor(open_log(path))
     assert said.pop("kind") == "cone"
     return build_full_map(open_log(path), 0.1, sensor=ConeSensor(**(said | others)))
 

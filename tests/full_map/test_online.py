@@ -19,9 +19,9 @@ from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.estimator import build_full_map
 from oddsmap.full_map.full_map import FullMap
 from oddsmap.full_map.online import OnlineFullMap
-from oddsmap.integrate.add import said_of_sensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.overhead import OverheadSensor
+from oddsmap.sensors.registry import stated_of_sensor
 from oddsmap.simulate import Sonar2D
 
 SENSOR = ConeSensor(cone_deg=25.0, range_max=3.0)
@@ -302,7 +302,7 @@ def test_the_sonar_benchmark(data_folder: Path) -> None:
     """Log loss of the nominal case; without the window it is .043, of the filter above 1."""
     path = data_folder / "sonar_bench" / "E1_nominal_24x25deg_A_seed0.npz"
     log = open_log(path)
-    said = said_of_sensor(log)
+    said = stated_of_sensor(log)
     sensor = ConeSensor(**{name: said[name] for name in said if name != "kind"})
     estimator = OnlineFullMap(Config(map=MapConfig(resolution=0.1), sensor=sensor))
     estimator.add_scans(log)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, add_scans, build_map
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.kernels.vote.tiles import MAX_UNITS
+from oddsmap.kernels.units import MAX_UNITS
 from oddsmap.poses.pose import Pose3
 from tests.kit import ONE, Votes, fan_scan, random_scans, votes_of
 

@@ -19,7 +19,8 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.integrate.forgetting import last_stamp, scan_weight
 from oddsmap.poses.pose import Pose3
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
-from oddsmap.sensors.registry import Measurement, Sensor
+from oddsmap.scans.measurement import Measurement
+from oddsmap.sensors.registry import Sensor
 from tests.kit import ONE, Votes, random_scans, votes_of
 from tests.kit3d import random_space_scans
 

@@ -16,7 +16,7 @@ import oddsmap.integrate.rays3d
 import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, build_map, load_map
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.kernels.vote.tiles import MAX_UNITS
+from oddsmap.kernels.units import MAX_UNITS
 from oddsmap.poses.pose import Pose3
 from tests.kit import ONE, random_scans, votes_of
 from tests.kit3d import random_space_scans

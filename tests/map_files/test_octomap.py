@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 import oddsmap
 from oddsmap import InputError, VoxelMap
 from oddsmap.kernels import octree
-from oddsmap.map_files.octomap_reader import is_octomap, load_octomap
+from oddsmap.map_files.octomap_reader import is_octomap
 from oddsmap.map_files.octomap_writer import OCTOMAP_CLAMP, save_octomap
+from oddsmap.maps.voxel_map import load_octomap
 from tests.naive import octomap_tree as naive
 
 ONE = 65536

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from oddsmap.errors import InputError
-from oddsmap.map_files.ros_reader import load_ros
-from oddsmap.maps.probability_map import State, Thresholds
+from oddsmap.maps.probability_map import load_ros
+from oddsmap.odds import State, Thresholds
 
 GREYS = np.array([[0, 100, 254], [205, 90, 255]], dtype=np.uint8)
 

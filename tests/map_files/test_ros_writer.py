@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from oddsmap.errors import ConfigError, InputError, OutputError
-from oddsmap.map_files.ros_reader import RosMode, load_ros
+from oddsmap.map_files.ros_reader import RosMode
 from oddsmap.map_files.ros_writer import save_ros
-from oddsmap.maps.probability_map import ProbabilityMap, State, Thresholds
+from oddsmap.maps.probability_map import ProbabilityMap, load_ros
+from oddsmap.odds import State, Thresholds
 from tests.naive.nav2_reader import read_map
 
 ORIGIN = (-51.224998474121094, 7.1 / 3.0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import oddsmap
 from oddsmap import InputError, MapTooLargeError, State, VoxelMap
-from oddsmap.maps.voxel_map import morton, unmorton
+from oddsmap.map_files.morton import morton, unmorton
 
 places = st.integers(0, (1 << 21) - 1)
 

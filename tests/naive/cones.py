@@ -2,7 +2,8 @@
 """The votes of one wide beam by the rule in words: every cell of a box is asked.
 
 Lengths and positions are in cells. Floats are combined as `kernels/vote/cone_votes.py` combines
-them, so that results are equal to the last bit; which cells the axis passes is found in exact arithmetic.
+them, so that results are equal to the last bit; which cells the axis passes is found in exact
+arithmetic.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from oddsmap.sensors.overhead import GridScan
+from oddsmap.scans.grid_scan import GridScan
 
 Cell = tuple[int, int]
 

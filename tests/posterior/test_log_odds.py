@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from oddsmap import BeamSensor, EvidenceMap, LogOdds, State, Thresholds, build_map
 from oddsmap.config.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.posterior.belief import sigmoid
-from oddsmap.sensors.inverse_model import logit
+from oddsmap.odds import logit, sigmoid
 from tests.kit import ONE, add_votes, fan_scan, random_scans, votes_of
 
 probability = st.floats(0.001, 0.999)

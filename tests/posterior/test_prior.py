@@ -25,9 +25,8 @@ from oddsmap import (
 )
 from oddsmap.config.config import PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.posterior.belief import sigmoid
+from oddsmap.odds import logit, sigmoid
 from oddsmap.posterior.prior import PRIOR_LIMIT, PriorArray, PriorMap
-from oddsmap.sensors.inverse_model import logit
 from tests.kit import ONE, Votes, add_votes, random_scans
 
 probability = st.floats(0.001, 0.999)

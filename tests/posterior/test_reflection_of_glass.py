@@ -18,7 +18,7 @@ from oddsmap import (
     build_map,
     build_reflection_map,
 )
-from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.kernels.units import ONE
 from oddsmap.simulate import GlassScene, GlassSensor, glass_path, glass_scene
 
 FloatArray = npt.NDArray[np.float64]

@@ -10,8 +10,8 @@ import pytest
 from oddsmap.errors import InputError
 from oddsmap.readers import open_log
 from oddsmap.readers.carmen import matches
+from oddsmap.scans.log import Log
 from oddsmap.scans.memory_log import BadLine, LoadedLog
-from oddsmap.scans.scan import Log
 
 GOOD = "FLASER 2 1.5 2.5 3 4 0.5 3 4 0.5 {stamp} host 11"
 

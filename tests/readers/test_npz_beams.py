@@ -13,7 +13,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.readers import open_log
 from oddsmap.readers.npz_beams import matches
-from oddsmap.scans.scan import Log
+from oddsmap.scans.log import Log
 
 # Three positions, the last like the first.
 BEAMS = np.array(

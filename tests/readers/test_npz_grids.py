@@ -13,7 +13,7 @@ from oddsmap.poses.pose import Pose2
 from oddsmap.readers import open_log
 from oddsmap.readers.npz_arrays import array_names
 from oddsmap.readers.npz_grids import GridLog
-from oddsmap.sensors.overhead import GridScan
+from oddsmap.scans.grid_scan import GridScan
 
 LABELS = np.array([[[0, 1, 255], [1, 1, 0]], [[255, 255, 255], [0, 0, 1]]], np.uint8)
 POSES = np.array([[1.0, 2.0, 0.5], [1.5, 2.0, -0.5]])

@@ -16,7 +16,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.readers import open_log
 from oddsmap.readers.registry import READERS
 from oddsmap.scans.depth_image import PinholeCamera
-from oddsmap.scans.scan import Log
+from oddsmap.scans.log import Log
 from tests.readers.clouds import graph_bytes, pcd_bytes, ply_bytes
 
 CARMEN_LINE = b"FLASER 2 1.0 2.0 3 4 0.5 3 4 0.5 10.5 host 11\n"

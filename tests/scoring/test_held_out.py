@@ -12,19 +12,19 @@ import numpy.typing as npt
 import pytest
 
 import oddsmap
+from oddsmap.array_types import Region
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.occupancy_box import Window
-from oddsmap.maps.probability_map import Thresholds
+from oddsmap.odds import Thresholds, logit
 from oddsmap.poses.pose import Pose2, Pose3
-from oddsmap.posterior.belief import Belief, Region
+from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.scans.scan import Scan
 from oddsmap.scoring import held_out
 from oddsmap.scoring.held_out import LogScores, score_map
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.inverse_model import logit
 from oddsmap.sensors.overhead import OverheadSensor
 
 FloatArray = npt.NDArray[np.float64]

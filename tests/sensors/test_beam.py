@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from oddsmap import BeamSensor, Pose2, Pose3, Scan, build_map
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.sensors.inverse_model import logit
+from oddsmap.odds import logit
 from tests.kit import fan_scan
 from tests.naive import beams as naive
 

@@ -19,8 +19,7 @@ from hypothesis import strategies as st
 from oddsmap import BeamSensor, EvidenceMap, GridScan, OverheadSensor, Pose2, build_map
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.integrate.add import add_scans
-from oddsmap.posterior.belief import sigmoid
-from oddsmap.sensors.inverse_model import logit
+from oddsmap.odds import logit, sigmoid
 from tests.kit import ONE, Votes, fan_scan, votes_of
 from tests.naive.grids import Cell, readings
 

@@ -34,8 +34,8 @@ from oddsmap.cli.summary import (
 
 if TYPE_CHECKING:
     from oddsmap.config.config import Config
-    from oddsmap.integrate.add import Report
-    from oddsmap.scans.scan import Log
+    from oddsmap.scans.log import Log
+    from oddsmap.scans.report import Report
 
 __all__ = ["HELP", "build"]
 
@@ -214,9 +214,10 @@ def _evidence_map(
     force: bool,
 ) -> tuple[dict[str, Any], Report]:
     """Map with the filter and save; returns what there is to say of it."""
-    from oddsmap.evidence.evidence import EvidenceMap
-    from oddsmap.integrate.add import Report, add_log
+    from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.integrate.add import add_log
     from oddsmap.integrate.forgetting import last_stamp
+    from oddsmap.scans.report import Report
 
     first = configs[0]
     t_ref_ns = first.map.t_ref_ns

@@ -24,7 +24,7 @@ def demo(
     import numpy as np
 
     from oddsmap.atomic_write import check_output
-    from oddsmap.integrate.add import build_map
+    from oddsmap.evidence_map import build_map
     from oddsmap.readers import open_log
     from oddsmap.simulate import Lidar2D, office_drive, office_plan, write_carmen
 

@@ -12,8 +12,9 @@ import typer
 from oddsmap.cli.views import flag, write_decay, write_reflection
 
 if TYPE_CHECKING:
-    from oddsmap.maps.probability_map import ProbabilityMap, Thresholds
+    from oddsmap.maps.probability_map import ProbabilityMap
     from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.odds import Thresholds
     from oddsmap.posterior.belief import Belief
     from oddsmap.posterior.prior import MapLike
 
@@ -194,9 +195,11 @@ def _open(
     source: Path, *, prior: str | None, p_hit: float | None, p_miss: float | None
 ) -> Belief | VoxelMap:
     from oddsmap.errors import ConfigError
-    from oddsmap.evidence.store import load_map
-    from oddsmap.full_map.store import is_full_map, load_full_map
-    from oddsmap.map_files.octomap_reader import is_octomap, load_octomap
+    from oddsmap.evidence_map import load_map
+    from oddsmap.full_map.full_map import load_full_map
+    from oddsmap.full_map.store import is_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap
+    from oddsmap.maps.voxel_map import load_octomap
 
     kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
     if kind is not None and (prior, p_hit, p_miss) != (None, None, None):
@@ -213,10 +216,12 @@ def _open(
 def _prior(text: str, source: Path) -> float | MapLike:
     """What --prior says: a number, or the map in a file."""
     from oddsmap.errors import ConfigError
-    from oddsmap.evidence.store import is_map, load_map
+    from oddsmap.evidence.store import is_map
+    from oddsmap.evidence_map import load_map
     from oddsmap.full_map.store import is_full_map
-    from oddsmap.map_files.octomap_reader import is_octomap, load_octomap
-    from oddsmap.map_files.ros_reader import load_ros
+    from oddsmap.map_files.octomap_reader import is_octomap
+    from oddsmap.maps.probability_map import load_ros
+    from oddsmap.maps.voxel_map import load_octomap
 
     try:
         return float(text)

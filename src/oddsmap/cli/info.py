@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from oddsmap.evidence.evidence import EvidenceMap
+    from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
     from oddsmap.maps.voxel_map import VoxelMap
-    from oddsmap.scans.scan import Log
+    from oddsmap.scans.log import Log
 
 __all__ = ["HELP", "info"]
 
@@ -40,11 +40,13 @@ def info(
 ) -> None:
     """Say what is in a log or in a map: see `HELP`."""
     from oddsmap.evidence.store import is_map
-    from oddsmap.full_map.store import is_full_map, load_full_map
-    from oddsmap.map_files.octomap_reader import is_octomap, load_octomap
+    from oddsmap.full_map.full_map import load_full_map
+    from oddsmap.full_map.store import is_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap
+    from oddsmap.maps.voxel_map import load_octomap
 
     if is_map(path):
-        from oddsmap.evidence.store import load_map
+        from oddsmap.evidence_map import load_map
 
         facts = _of_map(load_map(path), path)
     elif is_full_map(path):
@@ -109,7 +111,7 @@ def _of_log(log: Log) -> dict[str, Any]:
 
 
 def _of_map(evidence: EvidenceMap, path: Path) -> dict[str, Any]:
-    from oddsmap.kernels.vote.tiles import ONE
+    from oddsmap.kernels.units import ONE
 
     _, hits, passes = evidence.cells()
     facts: dict[str, Any] = {
@@ -154,7 +156,7 @@ def _extent(grid: EvidenceMap | FullMap) -> dict[str, list[float]]:
 def _of_octomap(voxels: VoxelMap, path: Path) -> dict[str, Any]:
     import numpy as np
 
-    from oddsmap.maps.probability_map import State
+    from oddsmap.odds import State
 
     state, cells = voxels.state(), voxels.side**3
     facts: dict[str, Any] = {

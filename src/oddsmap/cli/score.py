@@ -21,7 +21,7 @@ from oddsmap.cli.settings import (
 if TYPE_CHECKING:
     from oddsmap.config.config import Config
     from oddsmap.posterior.belief import Belief
-    from oddsmap.scans.scan import Log
+    from oddsmap.scans.log import Log
     from oddsmap.scoring.held_out import LogScores
     from oddsmap.sensors.registry import Sensor
 
@@ -132,8 +132,9 @@ def score(
 
 
 def _load(path: Path) -> tuple[Belief, Config, list[dict[str, Any]]]:
-    from oddsmap.evidence.store import load_map
-    from oddsmap.full_map.store import is_full_map, load_full_map
+    from oddsmap.evidence_map import load_map
+    from oddsmap.full_map.full_map import load_full_map
+    from oddsmap.full_map.store import is_full_map
 
     if is_full_map(path):
         full_map = load_full_map(path)
@@ -158,10 +159,10 @@ def _held_out_of(provenance: list[dict[str, Any]], grid: Path, log: Path) -> int
 
 def _of_another_sensor(log: Log, sensor: Sensor, layers: Layers) -> str | None:
     """What to say where a log's beams are not as wide as they are predicted, and nobody asked."""
-    from oddsmap.integrate.add import said_of_sensor
+    from oddsmap.sensors.registry import stated_of_sensor
 
     asked = {name for _, values in layers for name in values.get("sensor", {})}
-    said = said_of_sensor(log)
+    said = stated_of_sensor(log)
     theirs, ours = said.get("cone_deg", 0.0), getattr(sensor, "cone_deg", 0.0)
     if said["kind"] == sensor.kind:
         narrow, wide = sorted((theirs, ours))
@@ -182,12 +183,12 @@ def _of_another_sensor(log: Log, sensor: Sensor, layers: Layers) -> str | None:
 def _settled(stored: Config, log: Log, layers: Layers) -> Config:
     """The map's configuration, with what the user says of the sensor."""
     from oddsmap.config.config import resolve
-    from oddsmap.integrate.add import said_of_sensor
+    from oddsmap.sensors.registry import stated_of_sensor
 
     kinds = [values["sensor"]["kind"] for _, values in layers if "kind" in values.get("sensor", {})]
     base = stored.to_dict()
     if kinds and kinds[-1] != stored.sensor.kind:
-        base["sensor"] = said_of_sensor(log, kinds[-1])
+        base["sensor"] = stated_of_sensor(log, kinds[-1])
     return resolve(("map", base), *layers)
 
 

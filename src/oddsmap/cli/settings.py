@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from oddsmap.config.config import Config
     from oddsmap.poses.pose import Pose3
     from oddsmap.scans.depth_image import PinholeCamera
-    from oddsmap.scans.scan import Log
+    from oddsmap.scans.log import Log
 
 __all__ = [
     "SENSORS",
@@ -47,7 +47,7 @@ def sensor_name(log: Log, settled: Config) -> str:
     if hasattr(log, "depth_scans"):
         return "depth"
     from oddsmap.poses.pose import Pose2
-    from oddsmap.sensors.overhead import GridScan
+    from oddsmap.scans.grid_scan import GridScan
 
     first = next(iter(log), None)
     if isinstance(first, GridScan):
@@ -199,9 +199,9 @@ def cores() -> int:
 def resolved(layers: Layers, log: Log) -> Config:
     """The configuration for a log: what it says of its sensor, and the layers above."""
     from oddsmap.config.config import resolve
-    from oddsmap.integrate.add import said_of_sensor
+    from oddsmap.sensors.registry import stated_of_sensor
 
     said = [values["sensor"]["kind"] for _, values in layers if "kind" in values.get("sensor", {})]
     kind = said[-1] if said else None
     first = None if kind is not None or hasattr(log, "depth_scans") else next(iter(log), None)
-    return resolve(("log", {"sensor": said_of_sensor(log, kind, first=first)}), *layers)
+    return resolve(("log", {"sensor": stated_of_sensor(log, kind, first=first)}), *layers)

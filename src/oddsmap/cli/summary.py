@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from oddsmap.evidence.evidence import EvidenceMap
+    from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
-    from oddsmap.scans.scan import Log
+    from oddsmap.scans.log import Log
 
 __all__ = ["facts_of", "facts_of_full_map", "progress_of_logs", "progress_of_sweeps", "say"]
 
@@ -60,7 +60,7 @@ def progress_of_sweeps(most: int, *, quiet: bool) -> Iterator[Callable[[int, flo
 
 def facts_of(evidence: EvidenceMap, output: Path) -> dict[str, Any]:
     """What there is to say of an evidence map that has been saved."""
-    from oddsmap.kernels.vote.tiles import ONE
+    from oddsmap.kernels.units import ONE
 
     _, hits, passes = evidence.cells()
     return {

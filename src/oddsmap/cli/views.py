@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
-    from oddsmap.evidence.evidence import EvidenceMap
+    from oddsmap.evidence_map import EvidenceMap
 
 __all__ = ["flag", "write_decay", "write_reflection"]
 
@@ -98,7 +98,7 @@ def write_decay(source: Path, output: Path, given: Options, force: bool) -> list
 
 def _with_counts(source: Path) -> EvidenceMap:
     from oddsmap.errors import ConfigError
-    from oddsmap.evidence.store import load_map
+    from oddsmap.evidence_map import load_map
     from oddsmap.full_map.store import is_full_map
     from oddsmap.map_files.octomap_reader import is_octomap
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError
-from oddsmap.maps.probability_map import Thresholds
+from oddsmap.odds import Thresholds
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.registry import KINDS, Sensor
 

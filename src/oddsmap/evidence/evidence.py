@@ -1,45 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The map: for each cell, how many hits and how many passes.
+"""Evidence: for each cell, how many hits and how many passes.
 
 Both are exact integers, in units of 1/65536 vote. They add up in any order, so maps of one frame
-merge by addition; every posterior is a view of them, made when it is asked for.
+merge by addition. This is data alone: `oddsmap.EvidenceMap` adds the views and the files.
 """
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import math
 import os
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.config.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.tiles import TileStore
-from oddsmap.kernels.vote.tiles import HITS, ONE, PASSES
+from oddsmap.kernels.units import HITS, ONE, PASSES
+from oddsmap.limits import TILE_SIDE
+from oddsmap.scans.report import Report
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.registry import Sensor
+from oddsmap.version import __version__
 
-if TYPE_CHECKING:
-    from oddsmap.integrate.add import Report
-    from oddsmap.posterior.decay_rate import DecayRate
-    from oddsmap.posterior.log_odds import LogOdds
-    from oddsmap.posterior.prior import MapLike
-    from oddsmap.posterior.reflection import IntervalKind, Reflection
-
-__all__ = ["EvidenceMap"]
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
-
-# 32 x 32 cells: measured best of 16, 32 and 64 for 2D scans at 0.05 m. 8^3 for space.
-_TILE_SIDE = {2: 32, 3: 8}
+__all__ = ["Evidence"]
 
 
-class EvidenceMap:
+class Evidence:
     """Hits and passes of a field of cells; grows in every direction.
 
     Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis.
@@ -87,14 +80,14 @@ class EvidenceMap:
             sensor=sensor,
             posterior=posterior or PosteriorConfig(),
         )
-        if ndim not in _TILE_SIDE:
+        if ndim not in TILE_SIDE:
             raise ConfigError(f"a map has 2 or 3 dimensions, got {ndim}")
         if half_life is not None and t_ref_ns is None:
             raise ConfigError(
                 "map.half_life needs map.t_ref_ns, the time it counts back from [ns]: give that of "
                 "the last scan, as build_map and oddsmap build do"
             )
-        self.tiles = TileStore(ndim, tile_side or _TILE_SIDE[ndim])
+        self.tiles = TileStore(ndim, tile_side or TILE_SIDE[ndim])
         self.lengths = self.new_tiles() if path_lengths else None
         """Length of beams inside cells [1/65536 of a cell's side], in the place of passes."""
         self.provenance: list[dict[str, Any]] = []
@@ -131,8 +124,6 @@ class EvidenceMap:
 
     def record(self, path: str | os.PathLike[str] | None, **facts: object) -> None:
         """Note in `provenance` what evidence came from; facts are plain values for JSON."""
-        from oddsmap import __version__
-
         source = None if path is None else Path(path).name
         self.provenance.append({"source": source, **facts, "oddsmap": __version__})
 
@@ -245,14 +236,14 @@ class EvidenceMap:
             raise InputError("evidence only adds up: a weight is negative")
         self.tiles.add_cells(index, np.stack([hits, passes], axis=1))
 
-    def merge(self, other: EvidenceMap) -> None:
+    def merge(self, other: Evidence) -> None:
         """Add another map of the same frame to this one, exactly.
 
         Raises:
             InputError: the maps differ in resolution, dimensions, kind of votes, half-life or its
                 t_ref_ns (see `rescaled`), or in whether they keep lengths.
         """
-        if not isinstance(other, EvidenceMap):
+        if not isinstance(other, Evidence):
             raise InputError(
                 f"only evidence adds up, and a {type(other).__name__} holds no hits and passes"
             )
@@ -270,19 +261,19 @@ class EvidenceMap:
         _merge_tiles(self.tiles, other.tiles)
         if self.lengths is not None and other.lengths is not None:
             _merge_tiles(self.lengths, other.lengths)
-        self.provenance.extend(other.provenance)
+        self.provenance.extend(copy.deepcopy(other.provenance))
 
-    def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> EvidenceMap:
+    def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Self:
         """A new map with the cells of a box alone; arguments and errors as in `region`."""
         first, last = self._box(lo, hi)
         part = self.like()
         _crop_tiles(part.tiles, self.tiles, first, last)
         if part.lengths is not None and self.lengths is not None:
             _crop_tiles(part.lengths, self.lengths, first, last)
-        part.provenance = list(self.provenance)
+        part.provenance = copy.deepcopy(self.provenance)
         return part
 
-    def rescaled(self, t_ref_ns: int) -> EvidenceMap:
+    def rescaled(self, t_ref_ns: int) -> Self:
         """A new map whose half-life counts back from a later time, to go on with later scans.
 
         Every weight is multiplied by one factor and rounded, so the result differs from that of a
@@ -295,14 +286,28 @@ class EvidenceMap:
         Raises:
             ConfigError: the map has no half-life, or the time is earlier than its own.
         """
-        from oddsmap.integrate.forgetting import rescaled
+        half_life, before = self.config.map.half_life, self.config.map.t_ref_ns
+        if half_life is None or before is None:
+            raise ConfigError("only evidence with a half-life can be rescaled: this map has none")
+        if t_ref_ns < before:
+            raise ConfigError(
+                f"t_ref_ns {t_ref_ns} is earlier than the map's {before}: what was forgotten "
+                "cannot come back"
+            )
+        factor = math.exp2(-(t_ref_ns - before) / (1e9 * half_life))
+        later = self.like(t_ref_ns=t_ref_ns)
+        lost = _add_scaled(later.tiles, self.tiles, factor)
+        facts = {"rescaled_from_t_ref_ns": before, "t_ref_ns": t_ref_ns, "vote.underflow": lost}
+        if later.lengths is not None and self.lengths is not None:
+            facts["length.underflow"] = _add_scaled(later.lengths, self.lengths, factor)
+        later.provenance = copy.deepcopy(self.provenance)
+        later.record(None, **facts)
+        return later
 
-        return rescaled(self, t_ref_ns)
-
-    def like(self, *, t_ref_ns: int | None = None) -> EvidenceMap:
+    def like(self, *, t_ref_ns: int | None = None) -> Self:
         """An empty map with the same configuration, or for another t_ref_ns."""
         own = self.config.map
-        return EvidenceMap(
+        return type(self)(
             self.resolution,
             votes=self.votes,
             half_life=own.half_life,
@@ -313,75 +318,6 @@ class EvidenceMap:
             ndim=self.ndim,
             tile_side=self.tiles.side,
         )
-
-    def log_odds(
-        self,
-        *,
-        p_hit: float | None = None,
-        p_miss: float | None = None,
-        prior: float | MapLike | None = None,
-        clamp: tuple[float, float] | None = None,
-    ) -> LogOdds:
-        """The posterior of the Bayes filter, a view: see `oddsmap.posterior.log_odds.LogOdds`.
-
-        Args:
-            p_hit: p(x | z) of a hit at prior 1/2; default: the map's sensor model.
-            p_miss: p(x | z) of a pass at prior 1/2; likewise.
-            prior: p(x), a number or a map of it; default: the map's configuration.
-            clamp: lowest and highest probability of the view; None: as they are.
-        """
-        from oddsmap.posterior.log_odds import LogOdds
-
-        return LogOdds(self, p_hit=p_hit, p_miss=p_miss, prior=prior, clamp=clamp)
-
-    def reflection(
-        self,
-        *,
-        a: float = 1.0,
-        b: float = 1.0,
-        threshold: float = 0.5,
-        level: float = 0.95,
-        kind: IntervalKind = "equal-tailed",
-    ) -> Reflection:
-        """How often a beam is reflected: see `oddsmap.posterior.reflection.Reflection`.
-
-        Args:
-            a: the Beta prior's weight of hits.
-            b: its weight of passes.
-            threshold: reflectivity from which a cell counts as occupied.
-            level: of credible intervals.
-            kind: which interval of that level: "equal-tailed" or "highest-density".
-        """
-        from oddsmap.posterior.reflection import Reflection
-
-        return Reflection(self, a=a, b=b, threshold=threshold, level=level, kind=kind)
-
-    def decay_rate(
-        self, *, shape: float = 1.0, rate: float | None = None, level: float = 0.95
-    ) -> DecayRate:
-        """How soon beams end in a cell: see `oddsmap.posterior.decay_rate.DecayRate`.
-
-        Args:
-            shape: the Gamma prior's weight of hits.
-            rate: its length without a hit [m]; None: the side of a cell.
-            level: of credible intervals.
-        """
-        from oddsmap.posterior.decay_rate import DecayRate
-
-        return DecayRate(self, shape=shape, rate=rate, level=level)
-
-    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the map as a Zarr folder: see `oddsmap.evidence.store.save_map`."""
-        from oddsmap.evidence.store import save_map
-
-        save_map(self, path, force=force)
-
-    @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> EvidenceMap:
-        """Read a map that `save` wrote: see `oddsmap.evidence.store.load_map`."""
-        from oddsmap.evidence.store import load_map
-
-        return load_map(path)
 
 
 def _sorted_cells(tiles: TileStore) -> tuple[IntArray, IntArray]:
@@ -403,3 +339,14 @@ def _crop_tiles(to: TileStore, tiles: TileStore, first: IntArray, last: IntArray
     index, units = _sorted_cells(tiles)
     inside = ((index >= first) & (index < last)).all(axis=1)
     to.add_cells(index[inside], units[inside])
+
+
+def _add_scaled(to: TileStore, tiles: TileStore, factor: float) -> int:
+    """Add weights times a factor; returns how many above 0 became 0."""
+    lost = 0
+    for coords, units in tiles.chunks():
+        scaled = np.rint(units * factor).astype(np.int64)
+        lost += int(np.count_nonzero((units > 0) & (scaled == 0)))
+        kept = scaled.any(axis=(1, 2))
+        to.add(coords[kept], scaled[kept])
+    return lost

@@ -6,14 +6,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
-from oddsmap.evidence.evidence import EvidenceMap
-from oddsmap.kernels.vote.tiles import FRACTION_BITS
+from oddsmap.evidence.evidence import Evidence
+from oddsmap.kernels.units import FRACTION_BITS
 
 __all__ = ["floor_cells", "same_places", "units_at"]
 
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 # A cell of 0.1 m has its centre on a border of cells of 0.05 m: rounding must not decide there.
 _ON_BORDER = 1e-6
@@ -40,7 +39,7 @@ def same_places(index: IntArray, resolution: float, other: float) -> IntArray:
     return floor_cells(centre / other)
 
 
-def units_at(evidence: EvidenceMap, index: npt.ArrayLike) -> tuple[IntArray, IntArray]:
+def units_at(evidence: Evidence, index: npt.ArrayLike) -> tuple[IntArray, IntArray]:
     """Hits and passes of single cells, wherever they lie.
 
     Args:

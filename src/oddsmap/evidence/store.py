@@ -18,27 +18,29 @@ import os
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import IntArray
 from oddsmap.atomic_write import atomic_output
 from oddsmap.config.config import Config
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
-from oddsmap.kernels.vote.tiles import MAX_UNITS, ONE, PASSES
+from oddsmap.kernels.units import MAX_UNITS, ONE, PASSES
 
 if TYPE_CHECKING:
     import zarr
 
-__all__ = ["CHUNK", "FORMAT_VERSION", "SHARD", "is_map", "load_map", "save_map", "shard_files"]
+__all__ = ["CHUNK", "FORMAT_VERSION", "SHARD", "is_map", "read_map", "save_map", "shard_files"]
+
+E = TypeVar("E", bound=Evidence)
 
 FORMAT = "oddsmap evidence map"
 FORMAT_VERSION = 1
 
-IntArray = npt.NDArray[np.int64]
 
 # Side of a chunk (the unit of compression) and of a shard (one file) [cells].
 CHUNK = {2: 128, 3: 32}
@@ -57,7 +59,7 @@ def is_map(path: str | os.PathLike[str]) -> bool:
     return (folder / "zarr.json").is_file() and (folder / "hits").is_dir()
 
 
-def save_map(evidence: EvidenceMap, path: str | os.PathLike[str], *, force: bool = False) -> None:
+def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = False) -> None:
     """Write a map; the old one stays in place until the new one is complete.
 
     Args:
@@ -109,9 +111,7 @@ def save_map(evidence: EvidenceMap, path: str | os.PathLike[str], *, force: bool
         root.attrs.update({**_attributes(evidence, first, lo, hi), "shards": written})
 
 
-def _attributes(
-    evidence: EvidenceMap, first: IntArray, lo: IntArray, hi: IntArray
-) -> dict[str, Any]:
+def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -147,22 +147,14 @@ def _shards_of(tiles: TileStore, shard: int, lo: IntArray, hi: IntArray) -> IntA
     return begin[((begin + shard > lo) & (begin < hi)).all(axis=1)]
 
 
-def load_map(
+def read_map(
     path: str | os.PathLike[str],
+    kind: type[E],
     *,
     lo: npt.ArrayLike | None = None,
     hi: npt.ArrayLike | None = None,
-) -> EvidenceMap:
-    """Read a map, or the cells of a box of it.
-
-    Args:
-        path: a folder that `save_map` wrote.
-        lo: first cell to read, shape (d,), x first; None: all.
-        hi: past the last cell to read, shape (d,); None: all.
-
-    Raises:
-        InputError: not a map, damaged, or of a newer format.
-    """
+) -> E:
+    """Read evidence that `save_map` wrote, as that class: see `oddsmap.load_map`."""
     import zarr
 
     if not is_map(path):
@@ -179,7 +171,7 @@ def load_map(
     try:
         root = zarr.open_group(Path(path), mode="r")
         attributes = dict(root.attrs)
-        evidence, first = _empty_map(path, attributes)
+        evidence, first = _empty_map(path, kind, attributes)
         d = evidence.ndim
         box_lo = np.asarray(lo, np.int64) if lo is not None else None
         box_hi = np.asarray(hi, np.int64) if hi is not None else None
@@ -212,8 +204,8 @@ def load_map(
 
 
 def _empty_map(
-    path: str | os.PathLike[str], attributes: dict[str, Any]
-) -> tuple[EvidenceMap, IntArray]:
+    path: str | os.PathLike[str], kind: type[E], attributes: dict[str, Any]
+) -> tuple[E, IntArray]:
     if attributes.get("format") != FORMAT:
         raise InputError(f"{path}: a Zarr folder, but not one of oddsmap (attribute format)")
     version = attributes.get("format_version")
@@ -225,7 +217,7 @@ def _empty_map(
     first = np.array(attributes["origin_cell"], np.int64)
     if first.shape not in ((2,), (3,)):
         raise ValueError("attribute origin_cell needs 2 or 3 indices")
-    evidence = EvidenceMap(
+    evidence = kind(
         config.map.resolution,
         votes=config.map.votes,
         half_life=config.map.half_life,

@@ -3,27 +3,25 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import IntArray
 from oddsmap.errors import ConfigError, MapTooLargeError
+from oddsmap.kernels.units import FRACTION_BITS, MAX_UNITS
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
-    FRACTION_BITS,
-    MAX_UNITS,
     TILE_COUNT,
     WIDE_COUNT,
     TileArrays,
     add_tiles,
     rehash,
 )
+from oddsmap.limits import memory_limit
 
-__all__ = ["TileStore", "memory_limit"]
+__all__ = ["TileStore"]
 
-IntArray = npt.NDArray[np.int64]
 
 # Slots of an empty hash table, a power of two.
 _LEAST_SLOTS = 16
@@ -32,14 +30,6 @@ _LEAST_SLOTS = 16
 _GROWTH = 8
 # Tiles handled at a time where they are widened to 64 bits: bounds the memory that takes.
 _CHUNK_TILES = 4096
-
-
-def memory_limit() -> int:
-    """Bytes that one map may take: 80 % of the machine's memory."""
-    try:
-        return int(0.8 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, ValueError, OSError):  # not a POSIX system
-        return 1 << 62
 
 
 class TileStore:

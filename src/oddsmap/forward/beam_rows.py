@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import MapTooLargeError
-from oddsmap.evidence.tiles import memory_limit
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.cell_grid import CellField, windows_of
 from oddsmap.forward.model import ForwardModel
 from oddsmap.kernels.infer.beam_factor import BeamRows
+from oddsmap.limits import memory_limit
 
 __all__ = ["list_rows", "note_observed"]
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.scans.scan import Scan
 
 __all__ = ["BeamCells", "Beams", "beam_cells"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # A block of beams is listed at a time: this many cells (16 MB), and no more beams than this.
 _BLOCK_CELLS = 1 << 20

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import MapTooLargeError
 
 __all__ = ["CellField", "Window", "windows_of"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # The same as an evidence map's tiles.
 _SIDE = {2: 32, 3: 8}

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.beams import BeamCells, Beams, beam_cells
 from oddsmap.forward.occupancy_box import Window
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ForwardModel"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # An echo from this many sigma behind a reading explains it no better than a random reading does:
 # at the defaults its share of L_k is 0.6 % of p_random's at 5 sigma (55 % at 4).

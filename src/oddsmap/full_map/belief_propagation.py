@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import IntArray
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.kernels.infer.beam_factor import (
@@ -29,7 +30,6 @@ from oddsmap.kernels.infer.ising import pass_to_neighbours
 
 __all__ = ["Propagation"]
 
-IntArray = npt.NDArray[np.int64]
 
 # Of the old message, where all beams move at once or messages are to settle.
 _DAMPED = 0.5

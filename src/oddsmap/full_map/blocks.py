@@ -6,12 +6,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
 
 __all__ = ["dense_box", "listed_cells"]
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 
 def dense_box(

@@ -15,9 +15,9 @@ from oddsmap.errors import InputError
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.forward.model import ForwardModel
 from oddsmap.full_map.readings import ranging_sensor, usable_beams
-from oddsmap.integrate.add import Report
-from oddsmap.scans.scan import Log
-from oddsmap.sensors.registry import Measurement
+from oddsmap.scans.log import Log
+from oddsmap.scans.measurement import Measurement
+from oddsmap.scans.report import Report
 
 if TYPE_CHECKING:
     from oddsmap.kernels.infer.beam_factor import BeamRows

@@ -26,10 +26,11 @@ from oddsmap.forward.beams import Beams
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.collector import BeamCollector
 from oddsmap.full_map.full_map import FullMap
-from oddsmap.integrate.add import Report, said_of_sensor
-from oddsmap.scans.scan import Log
+from oddsmap.scans.log import Log
+from oddsmap.scans.measurement import Measurement
+from oddsmap.scans.report import Report
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import KINDS, Measurement, Sensor
+from oddsmap.sensors.registry import KINDS, Sensor, stated_of_sensor
 
 if TYPE_CHECKING:
     from oddsmap.full_map.belief_propagation import Propagation
@@ -66,7 +67,7 @@ def build_full_map(
         MapTooLargeError: it would not fit in memory.
     """
     if sensor is None:
-        said = said_of_sensor(log)
+        said = stated_of_sensor(log)
         sensor = KINDS[said.pop("kind")](**said)
     config = Config(
         map=MapConfig(resolution=float(resolution), votes=sensor.default_votes),

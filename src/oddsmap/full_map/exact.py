@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.model import ForwardModel
@@ -22,8 +23,6 @@ from oddsmap.scans.scan import Scan
 
 __all__ = ["MOST_CELLS", "ExactPosterior"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 MOST_CELLS = 20
 """2^20 maps: 8 MB a copy of the joint posterior."""

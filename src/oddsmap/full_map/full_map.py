@@ -6,23 +6,23 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.config.config import Config
 from oddsmap.full_map.blocks import dense_box, listed_cells
+from oddsmap.full_map.store import FullMapFields, read_full_map, save_full_map
 from oddsmap.kernels.infer.cell_status import LISTED, REACHED
-from oddsmap.posterior.belief import Belief, Region, sigmoid
+from oddsmap.limits import TILE_SIDE
+from oddsmap.odds import sigmoid
+from oddsmap.posterior.belief import Belief
+from oddsmap.scans.report import Report
 
-if TYPE_CHECKING:
-    from oddsmap.integrate.add import Report
+__all__ = ["FullMap", "load_full_map"]
 
-__all__ = ["FullMap"]
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 # A chain is at rest where the marginals of its halves are as near to each other [probability].
 _DRIFT = 0.005
@@ -116,7 +116,7 @@ class FullMap(Belief):
     @property
     def side(self) -> int:
         """Cells along a block's side."""
-        return 32 if self.ndim == 2 else 8
+        return TILE_SIDE[self.ndim]
 
     def known_log_odds(self) -> tuple[IntArray, FloatArray]:
         """The observed cells: index, shape (n, d), x first, and log odds, shape (n,)."""
@@ -152,9 +152,22 @@ class FullMap(Belief):
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the map as a Zarr folder: see `oddsmap.full_map.store`."""
-        from oddsmap.full_map.store import save_full_map
-
-        save_full_map(self, path, force=force)
+        fields = FullMapFields(
+            self.config,
+            self.blocks,
+            self.values,
+            self.marks,
+            self.sweeps,
+            self.residual,
+            self.provenance,
+        )
+        save_full_map(
+            fields,
+            path,
+            prior_log_odds=self.prior_log_odds,
+            converged=self.converged,
+            force=force,
+        )
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the cells inside cones: see `oddsmap.map_files.npz.save_npz`; there are no counts.
@@ -178,3 +191,15 @@ class FullMap(Belief):
 
     def _notes(self) -> dict[str, object]:
         return {"prior": self.prior, "estimator": "full-map"}
+
+
+def load_full_map(path: str | os.PathLike[str]) -> FullMap:
+    """Read a map that `FullMap.save` wrote.
+
+    Raises:
+        InputError: not a full map, damaged, or of a newer format.
+    """
+    config, blocks, values, marks, sweeps, residual, provenance = read_full_map(path)
+    full_map = FullMap(config, blocks, values, marks, sweeps=sweeps, residual=residual)
+    full_map.provenance = provenance
+    return full_map

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
@@ -35,8 +36,6 @@ __all__ = [
     "log_joint",
 ]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 State = npt.NDArray[np.uint8]
 
 

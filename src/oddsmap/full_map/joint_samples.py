@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import MapTooLargeError
-from oddsmap.evidence.tiles import memory_limit
 from oddsmap.full_map.belief_propagation import Propagation
 from oddsmap.full_map.gibbs import FactorGraph, conditional_log_odds, gibbs, hill_climb
 from oddsmap.kernels.infer.beam_factor import NAT
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.kernels.infer.incremental_likelihood import count_bins
+from oddsmap.limits import memory_limit
 
 __all__ = [
     "JointSamples",
@@ -28,8 +29,6 @@ __all__ = [
     "log_odds_by_gibbs",
 ]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # A finite chain has no more to say than this, and a probability of 1 no finite log odds.
 _LEAST = 1e-12

@@ -34,11 +34,11 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.full_map import FullMap
 from oddsmap.full_map.readings import ranging_sensor, usable_beams
-from oddsmap.integrate.add import Report
 from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.scans.measurement import Measurement
+from oddsmap.scans.report import Report
 from oddsmap.scans.scan import Scan
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import Measurement
 
 if TYPE_CHECKING:
     from oddsmap.forward.beams import Beams

@@ -11,15 +11,13 @@ import numpy as np
 from oddsmap.config.config import Config
 from oddsmap.errors import ConfigError
 from oddsmap.forward.beams import Beams
+from oddsmap.limits import MAX_COORDINATE
+from oddsmap.scans.measurement import Measurement, ranges_of
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import Measurement
-from oddsmap.sensors.segments import ranges_of
 
 __all__ = ["ranging_sensor", "usable_beams"]
 
-# Beyond this many cells from the map's origin no precision is left within a cell.
-_MAX_COORDINATE = float(1 << 45)
 
 # Settings of the filter that would change which readings count, and how much.
 _OF_THE_FILTER = {
@@ -77,7 +75,7 @@ def usable_beams(
     """
     taken = ranges_of(scans)
     beams, skipped = Beams.from_scans(taken)
-    limit = _MAX_COORDINATE * resolution
+    limit = MAX_COORDINATE * resolution
     here = np.abs(beams.origins).max(axis=1, initial=0.0) < limit
     z = beams.ranges
     range_max = np.inf if sensor.range_max is None else sensor.range_max

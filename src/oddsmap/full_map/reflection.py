@@ -30,18 +30,19 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.config.config import Config, MapConfig
 from oddsmap.errors import ConfigError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.collector import BeamCollector
 from oddsmap.full_map.reflection_map import REST, ReflectionMap
-from oddsmap.integrate.add import said_of_sensor
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.posterior.reflectivity import check_beta_prior
-from oddsmap.scans.scan import Log
+from oddsmap.scans.log import Log
+from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import KINDS, Measurement, Sensor
+from oddsmap.sensors.registry import KINDS, Sensor, stated_of_sensor
 
 if TYPE_CHECKING:
     from oddsmap.kernels.infer.beam_factor import BeamRows
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ReflectionMethod", "build_reflection_map"]
 
-FloatArray = npt.NDArray[np.float64]
 ReflectionMethod = Literal["ep", "adf", "em"]
 
 # Of the old message, from the second sweep on.
@@ -121,7 +121,7 @@ def build_reflection_map(
     if sweeps < 1:
         raise ConfigError(f"sweeps: at least 1 is needed, got {sweeps}")
     if sensor is None:
-        said = said_of_sensor(log)
+        said = stated_of_sensor(log)
         sensor = KINDS[said.pop("kind")](**said)
     config = Config(
         map=MapConfig(resolution=float(resolution), votes=sensor.default_votes), sensor=sensor

@@ -8,19 +8,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.config.config import Config
 from oddsmap.full_map.blocks import dense_box, listed_cells
-from oddsmap.integrate.add import Report
-from oddsmap.posterior.belief import Region
 from oddsmap.posterior.reflectivity import BetaView, IntervalKind
+from oddsmap.scans.report import Report
 
 __all__ = ["REST", "ReflectionMap"]
 
 REST = 1e-4
 """Sweeps end once the mean of a cell changes by less than this, on average."""
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 
 class ReflectionMap(BetaView):

@@ -9,26 +9,39 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import IntArray
 from oddsmap.atomic_write import atomic_output
 from oddsmap.config.config import Config
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.store import CHUNK, SHARD, shard_files
-from oddsmap.full_map.full_map import FullMap
+from oddsmap.full_map.blocks import dense_box
+from oddsmap.limits import TILE_SIDE
 
-__all__ = ["is_full_map", "load_full_map", "save_full_map"]
+__all__ = ["FullMapFields", "is_full_map", "read_full_map", "save_full_map"]
 
 FORMAT = "oddsmap full map"
 FORMAT_VERSION = 1
 
-IntArray = npt.NDArray[np.int64]
 
 _ARRAYS = ("log_odds", "marks")
 _AXES = ("z", "y", "x")
+
+
+class FullMapFields(NamedTuple):
+    """What is stored of a full map; see the arguments of `oddsmap.FullMap`."""
+
+    config: Config
+    blocks: IntArray
+    values: npt.NDArray[np.float32]
+    marks: npt.NDArray[np.uint8]
+    sweeps: int
+    residual: float
+    provenance: list[dict[str, Any]]
 
 
 def is_full_map(path: str | os.PathLike[str]) -> bool:
@@ -37,12 +50,21 @@ def is_full_map(path: str | os.PathLike[str]) -> bool:
     return (folder / "zarr.json").is_file() and (folder / "log_odds").is_dir()
 
 
-def save_full_map(full_map: FullMap, path: str | os.PathLike[str], *, force: bool = False) -> None:
+def save_full_map(
+    full_map: FullMapFields,
+    path: str | os.PathLike[str],
+    *,
+    prior_log_odds: float,
+    converged: bool,
+    force: bool = False,
+) -> None:
     """Write a full map; the old one stays in place until the new one is complete.
 
     Args:
-        full_map: the map.
+        full_map: what there is to store.
         path: folder to make, by custom with the suffix .zarr.
+        prior_log_odds: of a cell that no beam lists.
+        converged: see `FullMap`.
         force: True where an existing one may be replaced.
 
     Raises:
@@ -50,7 +72,8 @@ def save_full_map(full_map: FullMap, path: str | os.PathLike[str], *, force: boo
     """
     import zarr
 
-    d, side, shard = full_map.ndim, full_map.side, SHARD[full_map.ndim]
+    d = full_map.blocks.shape[1]
+    side, shard, resolution = TILE_SIDE[d], SHARD[d], full_map.config.map.resolution
     # Of each block, in shards: a shard's side is a multiple of a block's. A map without cells, of
     # beams that end in the sensor's own cell, still has a box.
     begin = full_map.blocks * side // shard
@@ -71,7 +94,7 @@ def save_full_map(full_map: FullMap, path: str | os.PathLike[str], *, force: boo
                 attributes={"description": text},
             )
             for name, dtype, fill, text in (
-                ("log_odds", "float32", full_map.prior_log_odds, "log odds of occupancy [nats]"),
+                ("log_odds", "float32", prior_log_odds, "log odds of occupancy [nats]"),
                 (
                     "marks",
                     "uint8",
@@ -83,7 +106,10 @@ def save_full_map(full_map: FullMap, path: str | os.PathLike[str], *, force: boo
         for place in np.unique(begin, axis=0):
             first = place * shard
             box = (first, first + shard)
-            values: tuple[npt.NDArray[Any], ...] = full_map.log_odds(box), full_map.marks_of(box)
+            values = [
+                dense_box(full_map.blocks, side, cells, fill, *box)
+                for cells, fill in ((full_map.values, prior_log_odds), (full_map.marks, 0))
+            ]
             where = tuple(slice(int(a), int(a) + shard) for a in (first - lo)[::-1])
             for array, value in zip(arrays, values, strict=True):
                 array[where] = value.astype(array.dtype)
@@ -91,12 +117,12 @@ def save_full_map(full_map: FullMap, path: str | os.PathLike[str], *, force: boo
             {
                 "format": FORMAT,
                 "format_version": FORMAT_VERSION,
-                "resolution": full_map.resolution,
-                "origin": [float(i) * full_map.resolution for i in lo],
+                "resolution": resolution,
+                "origin": [float(i) * resolution for i in lo],
                 "origin_cell": [int(i) for i in lo],
                 "sweeps": full_map.sweeps,
                 "residual": full_map.residual,
-                "converged": full_map.converged,
+                "converged": converged,
                 "config": full_map.config.to_dict(),
                 "provenance": full_map.provenance,
                 "shards": {name: shard_files(part, name, d) for name in _ARRAYS},
@@ -104,12 +130,8 @@ def save_full_map(full_map: FullMap, path: str | os.PathLike[str], *, force: boo
         )
 
 
-def load_full_map(path: str | os.PathLike[str]) -> FullMap:
-    """Read a map that `save_full_map` wrote.
-
-    Raises:
-        InputError: not a full map, damaged, or of a newer format.
-    """
+def read_full_map(path: str | os.PathLike[str]) -> FullMapFields:
+    """Read what `save_full_map` wrote: see `oddsmap.load_full_map`."""
     import zarr
 
     if not is_full_map(path):
@@ -125,7 +147,7 @@ def load_full_map(path: str | os.PathLike[str]) -> FullMap:
         raise InputError(f"{path}: damaged, cannot be read as a map: {error}") from None
 
 
-def _load(path: str | os.PathLike[str], root: Any, attributes: dict[str, Any]) -> FullMap:
+def _load(path: str | os.PathLike[str], root: Any, attributes: dict[str, Any]) -> FullMapFields:
     if attributes.get("format") != FORMAT:
         raise InputError(f"{path}: a Zarr folder, but not one of oddsmap (attribute format)")
     version = attributes.get("format_version")
@@ -136,7 +158,7 @@ def _load(path: str | os.PathLike[str], root: Any, attributes: dict[str, Any]) -
     config = Config.from_dict(attributes["config"], str(path))
     lo = np.array(attributes["origin_cell"], np.int64)
     d = len(lo)
-    side = 32 if d == 2 else 8
+    side = TILE_SIDE[d]
     shard = int(root["log_odds"].shards[0])
     coords, values, seen = [], [], []
     prior = np.float32(root["log_odds"].fill_value)
@@ -157,16 +179,15 @@ def _load(path: str | os.PathLike[str], root: Any, attributes: dict[str, Any]) -
         values.append(log_odds[used].astype(np.float32))
         seen.append(marks[used].astype(np.uint8))
     cells = side**d
-    full_map = FullMap(
+    return FullMapFields(
         config,
         np.concatenate([np.empty((0, d), np.int64), *coords]),
         np.concatenate([np.empty((0, cells), np.float32), *values]),
         np.concatenate([np.empty((0, cells), np.uint8), *seen]),
         sweeps=int(attributes["sweeps"]),
         residual=float(attributes["residual"]),
+        provenance=list(attributes["provenance"]),
     )
-    full_map.provenance = list(attributes["provenance"])
-    return full_map
 
 
 def _tiles(box: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:

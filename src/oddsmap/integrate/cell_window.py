@@ -6,15 +6,14 @@ from __future__ import annotations
 import threading
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import IntArray
 from oddsmap.errors import MapTooLargeError
-from oddsmap.evidence.tiles import TileStore, memory_limit
+from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.vote.cell_votes import apply_counts
+from oddsmap.limits import memory_limit
 
 __all__ = ["CellWindow"]
-
-IntArray = npt.NDArray[np.int64]
 
 
 class CellWindow:

@@ -14,21 +14,21 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.rays3d import Integrator3D
-from oddsmap.integrate.to_cells import MAX_COORDINATE, check_size
+from oddsmap.integrate.to_cells import check_size
 from oddsmap.kernels.trace.clip_beams import BELOW, BODY, HEIGHT, LOST, NAN
 from oddsmap.kernels.vote.depth_image import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
+from oddsmap.limits import MAX_COORDINATE
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.registry import Measurement
 
 __all__ = ["ProjectiveIntegrator"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # Near a border of cells rounding decides: 2^-46 of the largest coordinate is some 100 roundings.
 _ROUNDING = 2.0**-46
@@ -52,7 +52,7 @@ class ProjectiveIntegrator(Integrator3D):
     """
 
     def __init__(
-        self, evidence: EvidenceMap, sensor: BeamSensor, tiles: TileStore, lock: threading.Lock
+        self, evidence: Evidence, sensor: BeamSensor, tiles: TileStore, lock: threading.Lock
     ) -> None:
         if evidence.votes != "scan":
             raise ConfigError('method "projective" asks each cell once: it needs votes="scan"')

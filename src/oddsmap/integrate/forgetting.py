@@ -12,17 +12,14 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.vote.tiles import ONE
-from oddsmap.sensors.registry import Measurement
+from oddsmap.errors import InputError
+from oddsmap.kernels.units import ONE
+from oddsmap.scans.measurement import Measurement
 
 if TYPE_CHECKING:
-    from oddsmap.evidence.evidence import EvidenceMap
-    from oddsmap.evidence.tiles import TileStore
+    pass
 
-__all__ = ["by_weight", "last_stamp", "rescaled", "scan_weight"]
+__all__ = ["by_weight", "last_stamp", "scan_weight"]
 
 _UNSTAMPED = (
     "a scan has no stamp: map.half_life needs the time of each; use a log with stamps, or no "
@@ -75,35 +72,3 @@ def last_stamp(scans: Iterable[Measurement]) -> int:
     if latest is None:
         raise InputError("no scan: nothing to map, and no time to count a half-life back from")
     return latest
-
-
-def rescaled(evidence: EvidenceMap, t_ref_ns: int) -> EvidenceMap:
-    """See `EvidenceMap.rescaled`."""
-    half_life, before = evidence.config.map.half_life, evidence.config.map.t_ref_ns
-    if half_life is None or before is None:
-        raise ConfigError("only evidence with a half-life can be rescaled: this map has none")
-    if t_ref_ns < before:
-        raise ConfigError(
-            f"t_ref_ns {t_ref_ns} is earlier than the map's {before}: what was forgotten cannot "
-            "come back"
-        )
-    factor = math.exp2(-(t_ref_ns - before) / (1e9 * half_life))
-    later = evidence.like(t_ref_ns=t_ref_ns)
-    lost = _add_scaled(later.tiles, evidence.tiles, factor)
-    facts = {"rescaled_from_t_ref_ns": before, "t_ref_ns": t_ref_ns, "vote.underflow": lost}
-    if later.lengths is not None and evidence.lengths is not None:
-        facts["length.underflow"] = _add_scaled(later.lengths, evidence.lengths, factor)
-    later.provenance = list(evidence.provenance)
-    later.record(None, **facts)
-    return later
-
-
-def _add_scaled(to: TileStore, tiles: TileStore, factor: float) -> int:
-    """Add weights times a factor; returns how many above 0 became 0."""
-    lost = 0
-    for coords, units in tiles.chunks():
-        scaled = np.rint(units * factor).astype(np.int64)
-        lost += int(np.count_nonzero((units > 0) & (scaled == 0)))
-        kept = scaled.any(axis=(1, 2))
-        to.add(coords[kept], scaled[kept])
-    return lost

@@ -10,13 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from oddsmap.errors import InputError
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.cell_window import CellWindow
+from oddsmap.kernels.units import ONE
 from oddsmap.kernels.vote.cell_votes import cell_box, gather_cells
-from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.cell_votes import CellVotes
-from oddsmap.sensors.registry import CellSensor, Measurement
+from oddsmap.sensors.registry import CellSensor
 
 __all__ = ["CellIntegrator"]
 
@@ -32,7 +33,7 @@ class CellIntegrator:
     """
 
     def __init__(
-        self, evidence: EvidenceMap, sensor: CellSensor, tiles: TileStore, lock: threading.Lock
+        self, evidence: Evidence, sensor: CellSensor, tiles: TileStore, lock: threading.Lock
     ) -> None:
         self.tiles = tiles
         self._resolution = evidence.resolution

@@ -15,16 +15,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.path_lengths import LengthIntegrator, check_lengths
 from oddsmap.integrate.to_cells import beam_shape, cells_near_return, to_cells
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.trace.segments2d import COLUMNS
+from oddsmap.kernels.units import ONE
 from oddsmap.kernels.vote.rays2d import DONE, FULL, SLABS, Room, count_votes, mark_votes
-from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.registry import Measurement
 from oddsmap.sensors.segments import Segments
 
 __all__ = ["Integrator2D"]
@@ -49,7 +49,7 @@ class Integrator2D:
 
     def __init__(
         self,
-        evidence: EvidenceMap,
+        evidence: Evidence,
         sensor: BeamSensor,
         tiles: TileStore,
         lock: threading.Lock | None = None,

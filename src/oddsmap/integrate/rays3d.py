@@ -11,18 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.evidence.evidence import EvidenceMap
-from oddsmap.evidence.tiles import TileStore, memory_limit
+from oddsmap.evidence.evidence import Evidence
+from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.path_lengths import LengthIntegrator, check_lengths
 from oddsmap.integrate.to_cells import beam_shape, cells_near_return, to_cells
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.trace.rays3d import COLUMNS, RAYS
+from oddsmap.kernels.units import ONE
 from oddsmap.kernels.vote.cell_votes import apply_counts
 from oddsmap.kernels.vote.counts3d import count_scan
 from oddsmap.kernels.vote.rays3d import BIN_COUNT, SLABS, apply_marks, mark_scan, sort_rays
-from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.limits import memory_limit
+from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.registry import Measurement
 
 __all__ = ["Integrator3D"]
 
@@ -50,7 +51,7 @@ class Integrator3D:
     """
 
     def __init__(
-        self, evidence: EvidenceMap, sensor: BeamSensor, tiles: TileStore, lock: threading.Lock
+        self, evidence: Evidence, sensor: BeamSensor, tiles: TileStore, lock: threading.Lock
     ) -> None:
         self.scale = ONE
         self.lost = np.zeros(2, np.int64)

@@ -19,11 +19,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.forgetting import by_weight
+from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.registry import Measurement, Sensor
+from oddsmap.sensors.registry import Sensor
 
 __all__ = ["Team"]
 
@@ -58,7 +59,7 @@ class Team:
     """
 
     def __init__(
-        self, evidence: EvidenceMap, sensor: Sensor, threads: int, method: str = "rays"
+        self, evidence: Evidence, sensor: Sensor, threads: int, method: str = "rays"
     ) -> None:
         self._evidence = evidence
         self._forgets = evidence.config.map.half_life, evidence.config.map.t_ref_ns
@@ -155,7 +156,7 @@ def _add_by_weight(
 
 
 def _integrators(
-    evidence: EvidenceMap, sensor: Sensor, threads: int, method: str
+    evidence: Evidence, sensor: Sensor, threads: int, method: str
 ) -> Sequence[Integrator]:
     lock = threading.Lock()
     if not isinstance(sensor, BeamSensor):

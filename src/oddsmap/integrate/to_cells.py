@@ -6,22 +6,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import MapTooLargeError
-from oddsmap.evidence.tiles import memory_limit
 from oddsmap.kernels.trace.clip_beams import ScanCells, cell_bounds
 from oddsmap.kernels.trace.hit_region import BeamShape
+from oddsmap.limits import MAX_COORDINATE, memory_limit
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.segments import Segments
 
-__all__ = ["MAX_COORDINATE", "beam_shape", "cells_near_return", "check_size", "to_cells"]
+__all__ = ["beam_shape", "cells_near_return", "check_size", "to_cells"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
-# Beyond this many cells from the map's origin no precision is left within a cell.
-MAX_COORDINATE = float(1 << 45)
 # A longer segment would leave fixed point (see kernels/trace/segments2d.py).
 _MAX_LENGTH = 1 << 22
 

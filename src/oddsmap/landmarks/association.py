@@ -11,12 +11,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.landmarks.likelihood import wrap
 from oddsmap.landmarks.observations import Observations
 
 __all__ = ["chi_square_quantile", "mutual_nearest", "squared_mahalanobis"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def chi_square_quantile(probability: float, degrees: int) -> float:

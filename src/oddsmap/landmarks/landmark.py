@@ -3,17 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.landmarks.likelihood import POLAR_COLUMNS, Linear, maximum_likelihood
 from oddsmap.landmarks.observations import Observations
 
 __all__ = ["Landmark", "Track"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +49,35 @@ class Track:
         # Relative mean and covariance; None: not determined. Valid while not `stale`.
         self.gaussian: tuple[FloatArray, FloatArray] | None = None
         self.stale = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it but the count, as plain values for JSON."""
+        gaussian = self.gaussian
+        return {
+            "anchor": self.anchor.tolist(),
+            "information": self.linear.information.tolist(),
+            "vector": self.linear.vector.tolist(),
+            "polar": self.polar.tolist(),
+            "estimate": None if gaussian is None else [part.tolist() for part in gaussian],
+        }
+
+    @classmethod
+    def from_dict(cls, written: Mapping[str, Any], count: int, d: int) -> Track:
+        """The inverse of `to_dict`, in d dimensions.
+
+        Raises:
+            KeyError, TypeError, ValueError: something is missing, or no number, or of another
+                shape.
+        """
+        track = cls(_array(written["anchor"], d))
+        track.count = count
+        track.linear = Linear(_array(written["information"], d, d), _array(written["vector"], d))
+        columns = len(POLAR_COLUMNS)
+        track.polar = _array(written["polar"] or np.empty((0, columns)), -1, columns)
+        if written["estimate"] is not None:
+            mean, covariance = written["estimate"]
+            track.gaussian = _array(mean, d), _array(covariance, d, d)
+        return track
 
     def add(self, observations: Observations) -> None:
         """Add observations of this landmark."""
@@ -87,3 +116,19 @@ class Track:
             rows[:, 3] = observations.values[:, 0]
             rows[:, 4], rows[:, 5] = weights[:, 0, 0], weights[:, 0, 1]
         return rows
+
+
+def _array(numbers: Any, *shape: int) -> FloatArray:
+    """Numbers as an array of that shape, -1 standing for any.
+
+    Raises:
+        ValueError: another shape, or a number that is not finite.
+    """
+    array = np.array(numbers, dtype=np.float64)
+    if array.ndim != len(shape) or any(
+        side not in (-1, n) for side, n in zip(shape, array.shape, strict=True)
+    ):
+        raise ValueError(f"shape {array.shape} where {shape} is needed")
+    if not np.isfinite(array).all():
+        raise ValueError("a number that is not finite")
+    return array

@@ -6,11 +6,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.errors import ConfigError, InputError, OddsmapError
 from oddsmap.landmarks.association import (
     chi_square_quantile,
     mutual_nearest,
@@ -18,15 +20,15 @@ from oddsmap.landmarks.association import (
 )
 from oddsmap.landmarks.landmark import Landmark, Track
 from oddsmap.landmarks.observations import Observations
+from oddsmap.landmarks.store import read_json, save_csv, save_json
 from oddsmap.poses.pose import Pose2
 
 __all__ = ["LandmarkMap"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # How often a landmark must have been seen to be reported, with and without ids.
 _MIN_COUNT = {True: 1, False: 3}
+_OPTIONS = ("gate", "new_gate", "min_count", "depth_ratio_max", "ndim")
 
 
 class LandmarkMap:
@@ -152,9 +154,18 @@ class LandmarkMap:
             ConfigError: another suffix.
             OutputError: the file exists already or cannot be written.
         """
-        from oddsmap.landmarks.store import save
-
-        return save(self, path, force=force)
+        path = Path(path)
+        suffix = path.suffix.lower()
+        if suffix == ".json":
+            save_json(self.to_dict(), path, force=force)
+        elif suffix == ".csv":
+            save_csv(self.landmarks, self.ndim, path, force=force)
+        else:
+            raise ConfigError(
+                f"{path}: landmarks are written to .json (all) or .csv (a table), "
+                f'not "{path.suffix}"'
+            )
+        return path
 
     @classmethod
     def load(cls, path: str | Path) -> LandmarkMap:
@@ -163,9 +174,53 @@ class LandmarkMap:
         Raises:
             InputError: not such a file.
         """
-        from oddsmap.landmarks.store import load
+        content = read_json(path)
+        try:
+            return cls.from_dict(content)
+        except OddsmapError as error:
+            raise InputError(f"{path}: {error}") from None
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{path}: a damaged landmark map ({type(error).__name__}: {error}): write it again"
+            ) from None
 
-        return load(path)
+    def to_dict(self) -> dict[str, Any]:
+        """All of the map as plain values for JSON; numbers give the same float64 back."""
+        reported = {mark.id: mark for mark in self.landmarks}
+        rows = []
+        for name, track in sorted(self.tracks.items()):
+            mark = reported.get(name)
+            rows.append(
+                {
+                    "id": name,
+                    "count": track.count,
+                    "mean": None if mark is None else mark.mean.tolist(),
+                    "covariance": None if mark is None else mark.covariance.tolist(),
+                    "track": track.to_dict(),
+                }
+            )
+        return {
+            "options": {option: getattr(self, option) for option in _OPTIONS},
+            "known_ids": self.known_ids,
+            "skipped": dict(self.skipped),
+            "landmarks": rows,
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> LandmarkMap:
+        """The inverse of `to_dict`.
+
+        Raises:
+            ConfigError: an option outside its range.
+            KeyError, TypeError, ValueError: something is missing, or is no number.
+        """
+        landmarks = cls(**{option: content["options"][option] for option in _OPTIONS})
+        landmarks.known_ids = content["known_ids"]
+        landmarks.skipped = Counter({str(k): int(v) for k, v in content["skipped"].items()})
+        for row in content["landmarks"]:
+            track = Track.from_dict(row["track"], int(row["count"]), landmarks.ndim)
+            landmarks.tracks[int(row["id"])] = track
+        return landmarks
 
     def _least(self) -> int:
         return _MIN_COUNT[bool(self.known_ids)] if self.min_count is None else self.min_count

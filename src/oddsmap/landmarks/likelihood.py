@@ -14,11 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from oddsmap.array_types import FloatArray
 
 __all__ = ["POLAR_COLUMNS", "Linear", "maximum_likelihood", "wrap"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # Columns of an array of ranges and bearings: position of the sensor [m], direction in the map
 # frame [rad], range [m], and the information about (range, direction). A bearing alone has no

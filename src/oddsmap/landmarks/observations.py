@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses.pose import Pose, Pose2
 
 __all__ = ["Kind", "Observations"]
 
-FloatArray = npt.NDArray[np.float64]
 Kind = Literal["range-bearing", "bearing", "position"]
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.landmarks.landmark import Landmark
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ellipse_axes", "save_landmarks_png"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _INK = "#39434d"
 _PATH = "#e4572e"

@@ -24,8 +24,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.landmarks.observations import Kind, Observations
 from oddsmap.landmarks.table_npz import NO_ID, check_id, is_npz, read_npz_columns
@@ -34,8 +34,6 @@ from oddsmap.readers.compression import Source, open_source
 
 __all__ = ["ObservationTable", "read_observations"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 _POSE = ("x", "y", "theta")
 _VALUES: dict[Kind, tuple[str, ...]] = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reading an OctoMap (`.bt`, `.ot`): it has no counts, so it arrives as a `VoxelMap`.
+"""Reading an OctoMap (`.bt`, `.ot`): it has no counts, so it becomes a `VoxelMap`.
 
 Source: Hornung et al.: OctoMap (2013); AbstractOcTree.cpp (readHeader), OccupancyOcTreeBase.hxx
 (readBinaryNode), OcTreeBaseImpl.hxx (readNodesRecurs).
@@ -11,16 +11,18 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
+from oddsmap.map_files.morton import unmorton
 from oddsmap.map_files.octomap_writer import HALF, NODE, OCTOMAP_CLAMP
-from oddsmap.maps.voxel_map import VoxelMap, unmorton
-from oddsmap.sensors.inverse_model import logit
+from oddsmap.odds import logit
 
-__all__ = ["is_octomap", "load_octomap"]
+__all__ = ["OctoMapLeaves", "is_octomap", "read_octomap"]
 
 _MAGIC = b"# Octomap OcTree "
 _BINARY, _FULL = b"# Octomap OcTree binary file", b"# Octomap OcTree file"
@@ -44,6 +46,15 @@ class _Header:
     end: int
 
 
+class OctoMapLeaves(NamedTuple):
+    """The leaves of an OctoMap, in the order of the arguments of `oddsmap.VoxelMap`."""
+
+    cells: IntArray
+    log_odds: FloatArray
+    resolution: float
+    level: npt.NDArray[np.uint8]
+
+
 def is_octomap(path: str | os.PathLike[str]) -> bool:
     """Whether a file starts as an OctoMap does."""
     try:
@@ -53,18 +64,8 @@ def is_octomap(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def load_octomap(path: str | os.PathLike[str]) -> VoxelMap:
-    """Read an OctoMap, `.bt` or `.ot`; the content decides, not the name.
-
-    Leaves stay as large as they are in the file. Those of a `.bt` get the log odds that OctoMap
-    gives them: of p = 0.1192 where free, of p = 0.971 where occupied. Colours are left out.
-
-    Args:
-        path: the file.
-
-    Raises:
-        InputError: no such file, not an OctoMap, cut off, or damaged.
-    """
+def read_octomap(path: str | os.PathLike[str]) -> OctoMapLeaves:
+    """Read the leaves of an OctoMap: see `oddsmap.load_octomap`."""
     path = Path(path)
     try:
         content = path.read_bytes()
@@ -73,7 +74,7 @@ def load_octomap(path: str | os.PathLike[str]) -> VoxelMap:
     header = _read_header(content, path)
     read = _read_binary if header.binary else _read_full
     code, level, log_odds = read(content, header, path)
-    return VoxelMap(unmorton(code) - HALF, log_odds, header.resolution, level)
+    return OctoMapLeaves(unmorton(code) - HALF, log_odds, header.resolution, level)
 
 
 def _read_header(content: bytes, path: Path) -> _Header:

@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.maps.probability_map import State, Thresholds
-from oddsmap.maps.voxel_map import VoxelMap, morton
-from oddsmap.sensors.inverse_model import logit
+from oddsmap.map_files.fields import Leaves
+from oddsmap.map_files.morton import morton
+from oddsmap.odds import State, Thresholds, logit, sigmoid
 
 __all__ = ["HALF", "NODE", "OCTOMAP_CLAMP", "save_octomap"]
 
@@ -36,7 +36,7 @@ _COMMENT = "# (feel free to add / change comments, but leave the first line as i
 
 
 def save_octomap(
-    voxels: VoxelMap,
+    voxels: Leaves,
     path: str | Path,
     *,
     clamp: tuple[float, float] | None = None,
@@ -55,7 +55,7 @@ def save_octomap(
     Unknown cells are in neither.
 
     Args:
-        voxels: the map.
+        voxels: the map's leaves.
         path: the file to write, named `.bt` or `.ot`.
         clamp: lowest and highest probability written to an `.ot`; None: as they are.
         thresholds: what is free and what is occupied in a `.bt`; by default 0.196, 0.65.
@@ -107,14 +107,15 @@ def save_octomap(
     return path
 
 
-def _occupied(voxels: VoxelMap, thresholds: Thresholds | None) -> npt.NDArray[np.bool_]:
-    state = voxels.state(thresholds)
+def _occupied(voxels: Leaves, thresholds: Thresholds | None) -> npt.NDArray[np.bool_]:
+    known = np.ones(len(voxels.log_odds), np.bool_)
+    state = (thresholds or Thresholds()).state(sigmoid(voxels.log_odds), known)
     likely = voxels.log_odds >= 0.0
     return np.where(state == State.UNDECIDED, likely, state == State.OCCUPIED)
 
 
 def _clamped(
-    voxels: VoxelMap, clamp: tuple[float, float] | None, path: Path
+    voxels: Leaves, clamp: tuple[float, float] | None, path: Path
 ) -> npt.NDArray[np.float64]:
     if clamp is None:
         return voxels.log_odds
@@ -126,11 +127,11 @@ def _clamped(
     return np.clip(voxels.log_odds, float(logit(low)), float(logit(high)))
 
 
-def _check_bounds(voxels: VoxelMap, path: Path) -> None:
-    bounds = voxels.bounds()
-    if bounds is None:
+def _check_bounds(voxels: Leaves, path: Path) -> None:
+    if len(voxels.index) == 0:
         return
-    lo, hi = bounds
+    side = np.int64(1) << voxels.level.astype(np.int64)
+    lo, hi = voxels.index.min(axis=0), (voxels.index + side[:, None]).max(axis=0)
     edge = HALF * voxels.resolution
     crops = []
     for axis, name in enumerate("xyz"):

@@ -9,8 +9,8 @@ import numpy as np
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError
-from oddsmap.maps.probability_map import State, Thresholds
-from oddsmap.maps.voxel_map import VoxelMap
+from oddsmap.map_files.fields import Leaves
+from oddsmap.odds import State, Thresholds, sigmoid
 
 __all__ = ["save_ply"]
 
@@ -22,7 +22,7 @@ _NAMES = {"<f8": "double", "<f4": "float"}
 
 
 def save_ply(
-    voxels: VoxelMap,
+    voxels: Leaves,
     path: str | Path,
     *,
     thresholds: Thresholds | None = None,
@@ -34,7 +34,7 @@ def save_ply(
     cube [m] (float). The header has the side of a cell as well: `comment cell_size 0.1`.
 
     Args:
-        voxels: the map.
+        voxels: the map's leaves.
         path: the file to write, named `.ply`.
         thresholds: from which probability a cell is occupied; by default 0.65.
         force: True where an existing file may be replaced.
@@ -50,12 +50,14 @@ def save_ply(
     if path.suffix != ".ply":
         raise ConfigError(f"{path}: a PLY is named .ply; give a name that ends in .ply")
     check_output(path, force=force)
-    occupied = voxels.state(thresholds) == State.OCCUPIED
-    side = voxels.side[occupied]
+    probability = sigmoid(voxels.log_odds)
+    known = np.ones(len(probability), np.bool_)
+    occupied = (thresholds or Thresholds()).state(probability, known) == State.OCCUPIED
+    side = np.int64(1) << voxels.level[occupied].astype(np.int64)
     vertex = np.empty(len(side), _VERTEX)
     for axis, name in enumerate("xyz"):
         vertex[name] = (voxels.index[occupied, axis] + side / 2) * voxels.resolution
-    vertex["probability"] = voxels.probability[occupied]
+    vertex["probability"] = probability[occupied]
     vertex["size"] = side * voxels.resolution
     properties = "".join(
         f"property {_NAMES[_VERTEX[name].str]} {name}\n" for name in _VERTEX.names or ()

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reading a ROS map: the YAML of map_server and the image beside it.
 
-A ROS map has no counts, so it arrives as a `ProbabilityMap`. Nav2 has two generations of loaders;
+A ROS map has no counts, so it becomes a `ProbabilityMap`. Nav2 has two generations of loaders;
 this one follows the newer (limits belong to free and occupied, transparent is unknown) and, like
 the older, takes the plain mean of the colours. Grey images read the same in all three.
 
@@ -14,15 +14,16 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.maps.probability_map import ProbabilityMap, Thresholds
+from oddsmap.odds import Thresholds
 
-__all__ = ["RosMode", "load_ros", "read_greys"]
+__all__ = ["RosGrid", "RosMode", "read_greys", "read_ros"]
 
 RosMode = Literal["trinary", "scale", "raw"]
 
@@ -32,18 +33,18 @@ _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free
 _PGM_HEADER = re.compile(rb"P5" + rb"(?:\s|#[^\n]*\n)+(\d+)" * 3 + rb"\s")
 
 
-def load_ros(path: str | Path) -> ProbabilityMap:
-    """Read a map_server map (YAML and PGM, PNG or another image that Pillow reads).
+class RosGrid(NamedTuple):
+    """A ROS map, in the order of the arguments of `oddsmap.ProbabilityMap`."""
 
-    Args:
-        path: the `.yaml`; a relative `image` in it is looked for beside it.
+    probability: FloatArray
+    observed: BoolArray
+    resolution: float
+    origin: tuple[float, float]
+    yaw: float
 
-    Returns:
-        The map, unknown cells with `observed` False; see `read_greys` for the probabilities.
 
-    Raises:
-        InputError: a file is missing or not what it should be, or a key is missing or senseless.
-    """
+def read_ros(path: str | Path) -> RosGrid:
+    """Read the grid of a map_server map: see `oddsmap.load_ros`."""
     path = Path(path)
     fields = _read_fields(path)
     resolution = _number(path, "resolution", fields["resolution"])
@@ -69,7 +70,7 @@ def load_ros(path: str | Path) -> ProbabilityMap:
         observed &= opaque
     probability[~observed] = 0.5
     # The first row of an image is its top, the first row of a map its lowest y.
-    return ProbabilityMap(
+    return RosGrid(
         probability=probability[::-1].copy(),
         observed=observed[::-1].copy(),
         resolution=resolution,

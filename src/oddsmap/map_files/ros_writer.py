@@ -21,8 +21,9 @@ import numpy.typing as npt
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.map_files.fields import Grid
 from oddsmap.map_files.ros_reader import RosMode, read_greys
-from oddsmap.maps.probability_map import ProbabilityMap, State, Thresholds
+from oddsmap.odds import State, Thresholds
 
 __all__ = ["save_ros"]
 
@@ -34,7 +35,7 @@ _MARGIN = 1e-6
 
 
 def save_ros(
-    grid: ProbabilityMap,
+    grid: Grid,
     path: str | Path,
     *,
     mode: RosMode = "trinary",
@@ -86,7 +87,7 @@ def save_ros(
     return path, image
 
 
-def _check_grid(grid: ProbabilityMap, path: Path) -> None:
+def _check_grid(grid: Grid, path: Path) -> None:
     ny, nx = grid.probability.shape
     if ny == 0 or nx == 0:
         raise InputError(f"{path}: the map has {ny} x {nx} cells, nothing to write")
@@ -98,12 +99,12 @@ def _check_grid(grid: ProbabilityMap, path: Path) -> None:
         raise InputError(f"{path}: the origin {grid.origin}, yaw {grid.yaw} is not finite")
 
 
-def _greys(grid: ProbabilityMap, mode: RosMode, limits: Thresholds) -> npt.NDArray[np.uint8]:
+def _greys(grid: Grid, mode: RosMode, limits: Thresholds) -> npt.NDArray[np.uint8]:
     """Choose the grey of each cell, shape (ny, nx), row = y ascending."""
     if mode == "raw":
         percent = np.rint(100.0 * np.where(grid.observed, grid.probability, 0.0))
         return np.where(grid.observed, percent, _RAW_UNKNOWN).astype(np.uint8)
-    state = grid.state(limits)
+    state = limits.state(grid.probability, grid.observed)
     if mode == "scale":
         return _scale_greys(grid.probability, state, limits)
     read = _state_of_greys(limits)
@@ -161,7 +162,7 @@ def _check_between(count: int, limits: Thresholds) -> None:
         )
 
 
-def _yaml(grid: ProbabilityMap, image_name: str, mode: RosMode, limits: Thresholds) -> str:
+def _yaml(grid: Grid, image_name: str, mode: RosMode, limits: Thresholds) -> str:
     x, y = grid.origin
     plain = re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*", image_name)
     name = image_name if plain else json.dumps(image_name, ensure_ascii=False)

@@ -8,49 +8,15 @@ a prior, or something to compare with, never evidence.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import InputError
+from oddsmap.odds import Thresholds
 
-__all__ = ["ProbabilityMap", "State", "Thresholds"]
-
-
-class State(IntEnum):
-    """What is decided about a cell."""
-
-    UNKNOWN = -1
-    """No evidence at all: never the same as p = 0.5."""
-    FREE = 0
-    UNDECIDED = 50
-    """Seen, and the probability lies between the thresholds."""
-    OCCUPIED = 100
-
-
-@dataclass(frozen=True, slots=True)
-class Thresholds:
-    """A seen cell is free where p <= `free`, occupied where p >= `occupied` (Nav2's defaults)."""
-
-    free: float = 0.196
-    occupied: float = 0.65
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.free < self.occupied <= 1.0:
-            raise ConfigError(
-                f"thresholds need 0 <= free < occupied <= 1, got {self.free} and {self.occupied}"
-            )
-
-    def state(
-        self, probability: npt.NDArray[np.float64], observed: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.int8]:
-        """Decide cells: values of `State`, of the shape of the two arrays."""
-        state = np.full(probability.shape, State.UNDECIDED, dtype=np.int8)
-        state[probability <= self.free] = State.FREE
-        state[probability >= self.occupied] = State.OCCUPIED
-        state[~observed] = State.UNKNOWN
-        return state
+__all__ = ["ProbabilityMap", "load_ros"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,3 +52,21 @@ class ProbabilityMap:
     def state(self, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
         """Decide each cell: values of `State`, shape (ny, nx)."""
         return (thresholds or Thresholds()).state(self.probability, self.observed)
+
+
+def load_ros(path: str | Path) -> ProbabilityMap:
+    """Read a map_server map (YAML and PGM, PNG or another image that Pillow reads).
+
+    Args:
+        path: the `.yaml`; a relative `image` in it is looked for beside it.
+
+    Returns:
+        The map, unknown cells with `observed` False; for the probabilities see
+        `oddsmap.map_files.ros_reader.read_greys`.
+
+    Raises:
+        InputError: a file is missing or not what it should be, or a key is missing or senseless.
+    """
+    from oddsmap.map_files.ros_reader import read_ros
+
+    return ProbabilityMap(*read_ros(path))

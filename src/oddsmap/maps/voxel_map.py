@@ -14,59 +14,17 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.maps.probability_map import State, Thresholds
-from oddsmap.posterior.belief import sigmoid
+from oddsmap.map_files.morton import MORTON_BITS, morton
+from oddsmap.odds import State, Thresholds, sigmoid
 
-__all__ = ["VoxelMap", "morton", "unmorton"]
+__all__ = ["VoxelMap", "load_octomap"]
 
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
-_BITS = 21
-"""Bits of one axis in a Morton code: three of them fill 63."""
 _HALF = 1 << 15
 """Maps within this many cells of the origin count their codes from there, as OctoMap does."""
 _MAX_LEVEL = 15
-
-# Steps that move the bits of one axis apart, to every third place, and back.
-_SPREAD = (
-    (32, 0x001F00000000FFFF),
-    (16, 0x001F0000FF0000FF),
-    (8, 0x100F00F00F00F00F),
-    (4, 0x10C30C30C30C30C3),
-    (2, 0x1249249249249249),
-)
-
-
-def morton(place: IntArray) -> IntArray:
-    """Morton codes of places of 0 to 2^21 - 1 cells along each axis.
-
-    Args:
-        place: shape (n, 3), x first; x takes the lowest bit.
-    """
-    code = np.zeros(len(place), np.int64)
-    for axis in range(3):
-        bits = place[:, axis].copy()
-        for shift, mask in _SPREAD:
-            bits |= bits << shift
-            bits &= mask
-        code |= bits << axis
-    return code
-
-
-def unmorton(code: IntArray) -> IntArray:
-    """The inverse of `morton`: places, shape (n, 3)."""
-    place = np.empty((len(code), 3), np.int64)
-    masks = [*[mask for _, mask in _SPREAD][::-1], (1 << _BITS) - 1]
-    shifts = [shift for shift, _ in _SPREAD][::-1]
-    for axis in range(3):
-        bits = (code >> axis) & masks[0]
-        for shift, mask in zip(shifts, masks[1:], strict=True):
-            bits |= bits >> shift
-            bits &= mask
-        place[:, axis] = bits
-    return place
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -257,6 +215,23 @@ class VoxelMap:
         save_ply(self, Path(path), thresholds=thresholds, force=force)
 
 
+def load_octomap(path: str | os.PathLike[str]) -> VoxelMap:
+    """Read an OctoMap, `.bt` or `.ot`; the content decides, not the name.
+
+    Leaves stay as large as they are in the file. Those of a `.bt` get the log odds that OctoMap
+    gives them: of p = 0.1192 where free, of p = 0.971 where occupied. Colours are left out.
+
+    Args:
+        path: the file.
+
+    Raises:
+        InputError: no such file, not an OctoMap, cut off, or damaged.
+    """
+    from oddsmap.map_files.octomap_reader import read_octomap
+
+    return VoxelMap(*read_octomap(path))
+
+
 def _base_of(index: IntArray, side: IntArray) -> IntArray:
     # The cell whose code is 0, aligned to the largest leaf.
     if len(index) == 0:
@@ -266,9 +241,9 @@ def _base_of(index: IntArray, side: IntArray) -> IntArray:
         return np.full(3, -_HALF, np.int64)
     base = np.asarray(lo & -side.max(), np.int64)
     # By division: a difference of far indices may not fit in 64 bits.
-    if ((hi - 1) // 2 - base // 2 >= 1 << (_BITS - 1)).any():
+    if ((hi - 1) // 2 - base // 2 >= 1 << (MORTON_BITS - 1)).any():
         raise MapTooLargeError(
-            f"a map of space covers at most {1 << _BITS} cells along an axis, "
+            f"a map of space covers at most {1 << MORTON_BITS} cells along an axis, "
             f"got {lo.tolist()} to {hi.tolist()}"
         )
     return base

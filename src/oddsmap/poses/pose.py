@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 
 __all__ = ["Pose", "Pose2", "Pose3"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # Files write rotations with 6 or 7 digits; beyond this a matrix is scaled or sheared, not rounded.
 _ROTATION_TOLERANCE = 1e-3

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 
 __all__ = ["NoPoseError", "Trajectory"]
 
-FloatArray = npt.NDArray[np.float64]
 StampArray = npt.NDArray[np.int64]
 
 

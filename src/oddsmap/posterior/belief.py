@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.maps.probability_map import ProbabilityMap, Thresholds
+from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.odds import Thresholds, sigmoid
 
 if TYPE_CHECKING:
     import xarray
@@ -20,18 +22,7 @@ if TYPE_CHECKING:
     from oddsmap.map_files.ros_reader import RosMode
     from oddsmap.maps.voxel_map import VoxelMap
 
-__all__ = ["Belief", "Region", "sigmoid"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-Region = tuple[npt.ArrayLike, npt.ArrayLike]
-
-
-def sigmoid(log_odds: npt.ArrayLike) -> FloatArray:
-    """Probability of log odds: 1 / (1 + exp(-l)), without overflow."""
-    x = np.asarray(log_odds, dtype=np.float64)
-    small = np.exp(-np.abs(x))
-    return np.where(x >= 0, 1.0, small) / (1.0 + small)
+__all__ = ["Belief", "Region"]
 
 
 class Belief(ABC):

@@ -6,13 +6,12 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError
 
 __all__ = ["IntervalKind", "beta_interval", "beta_mode"]
 
-FloatArray = npt.NDArray[np.float64]
 IntervalKind = Literal["equal-tailed", "highest-density"]
 
 # Each step halves the bracket at least: 60 leave 1e-18 of mass. Newton's steps need about 8.

@@ -26,19 +26,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.lookup import units_at
-from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
-from oddsmap.posterior.belief import sigmoid
+from oddsmap.odds import sigmoid
 from oddsmap.posterior.log_odds import LogOdds
 
 __all__ = ["Changes", "changed"]
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,15 +27,14 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence.evidence import EvidenceMap
-from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.evidence.evidence import Evidence
+from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
 
 __all__ = ["DecayQuantity", "DecayRate"]
 
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 Region = tuple[npt.ArrayLike, npt.ArrayLike]
 DecayQuantity = Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-pass"]
 
@@ -63,7 +62,7 @@ class DecayRate:
 
     def __init__(
         self,
-        evidence: EvidenceMap,
+        evidence: Evidence,
         *,
         shape: float = 1.0,
         rate: float | None = None,

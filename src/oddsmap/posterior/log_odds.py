@@ -21,27 +21,20 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.errors import ConfigError
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
-from oddsmap.kernels.vote.tiles import ONE
-from oddsmap.maps.probability_map import Thresholds
-from oddsmap.posterior.belief import Belief, Region
-from oddsmap.posterior.prior import PriorMap
-from oddsmap.sensors.inverse_model import logit
-
-if TYPE_CHECKING:
-    from oddsmap.posterior.prior import MapLike
+from oddsmap.kernels.units import ONE
+from oddsmap.odds import Thresholds, logit
+from oddsmap.posterior.belief import Belief
+from oddsmap.posterior.prior import MapLike, PriorMap
 
 __all__ = ["LogOdds"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 class LogOdds(Belief):
@@ -74,7 +67,7 @@ class LogOdds(Belief):
 
     def __init__(
         self,
-        evidence: EvidenceMap,
+        evidence: Evidence,
         *,
         p_hit: float | None = None,
         p_miss: float | None = None,
@@ -103,6 +96,8 @@ class LogOdds(Belief):
                 f"clamp needs probabilities 0 < low < high < 1, got {clamp[0]} and {clamp[1]}"
             )
         self.clamp = clamp
+        if isinstance(prior, Evidence):
+            prior = LogOdds(prior, prior=self.prior)
         self.prior_map = None if prior is None else PriorMap(prior, evidence, self.prior)
 
     @property

@@ -16,27 +16,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.errors import InputError
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import floor_cells, same_places
 from oddsmap.maps.probability_map import ProbabilityMap
-from oddsmap.sensors.inverse_model import logit
+from oddsmap.maps.voxel_map import VoxelMap
+from oddsmap.odds import logit
 
-if TYPE_CHECKING:
-    from oddsmap.maps.voxel_map import VoxelMap
-    from oddsmap.posterior.log_odds import LogOdds
+__all__ = ["PRIOR_LIMIT", "FilterView", "MapLike", "PriorArray", "PriorMap", "PriorSource"]
 
-    MapLike: TypeAlias = "ProbabilityMap | PriorArray | LogOdds | EvidenceMap | VoxelMap"
-
-__all__ = ["PRIOR_LIMIT", "PriorArray", "PriorMap"]
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 PRIOR_LIMIT = 1e-6
 """Probabilities of a prior map are clipped to [1e-6, 1 - 1e-6]: no evidence changes 0 or 1."""
@@ -73,6 +67,26 @@ class PriorArray:
         object.__setattr__(self, "first", first)
 
 
+@runtime_checkable
+class FilterView(Protocol):
+    """A view of the Bayes filter, as `LogOdds` is."""
+
+    evidence: Evidence
+
+    def log_odds(self, region: Region | None = None) -> FloatArray:
+        """Log odds of a region's cells."""
+
+    def log_odds_at(self, index: npt.ArrayLike) -> FloatArray:
+        """Log odds of single cells, wherever they lie."""
+
+
+PriorSource: TypeAlias = ProbabilityMap | PriorArray | FilterView | VoxelMap
+"""What a prior is read from."""
+
+MapLike: TypeAlias = PriorSource | Evidence
+"""What may be given as a prior: evidence counts under its own sensor model."""
+
+
 class PriorMap:
     """Log odds of the prior for each cell of a map.
 
@@ -99,19 +113,16 @@ class PriorMap:
             has probabilities outside [0, 1].
     """
 
-    def __init__(self, source: MapLike, evidence: EvidenceMap, uniform: float) -> None:
-        from oddsmap.posterior.log_odds import LogOdds
-
-        if isinstance(source, EvidenceMap):
-            source = source.log_odds(prior=uniform)
-        if isinstance(source, LogOdds) and source.evidence is evidence:
+    def __init__(self, source: PriorSource, evidence: Evidence, uniform: float) -> None:
+        if isinstance(source, FilterView) and source.evidence is evidence:
             raise InputError("a map is no prior of itself: its evidence would count twice")
         self.uniform = float(logit(uniform))
         self.ndim = evidence.ndim
         self._known, ndim = _reader(source, evidence.resolution)
         # Cells that are the same need no look-up one by one.
-        same = isinstance(source, LogOdds) and source.evidence.resolution == evidence.resolution
-        self._same = source if same and isinstance(source, LogOdds) else None
+        self._same = None
+        if isinstance(source, FilterView) and source.evidence.resolution == evidence.resolution:
+            self._same = source
         if ndim != self.ndim:
             places = {2: "the plane", 3: "space"}
             raise InputError(
@@ -138,18 +149,15 @@ class PriorMap:
         return values.reshape(shape)
 
 
-def _reader(source: MapLike, resolution: float) -> tuple[Callable[[IntArray], FloatArray], int]:
+def _reader(source: PriorSource, resolution: float) -> tuple[Callable[[IntArray], FloatArray], int]:
     """How to read a source: cells to log odds, NaN where it knows nothing; its dimensions."""
-    from oddsmap.maps.voxel_map import VoxelMap
-    from oddsmap.posterior.log_odds import LogOdds
-
     if isinstance(source, ProbabilityMap):
         return _grid_reader(source, resolution), 2
     if isinstance(source, PriorArray):
         first = np.asarray(source.first, np.int64)
         values = _clipped_logit(source.probability)
         return lambda index: _pick(values, index - first), len(first)
-    if isinstance(source, LogOdds):
+    if isinstance(source, FilterView):
         view, side = source, source.evidence.resolution
         return (
             lambda index: view.log_odds_at(same_places(index, resolution, side)),

@@ -22,15 +22,12 @@ import warnings
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.evidence.evidence import EvidenceMap
-from oddsmap.kernels.vote.tiles import ONE
-from oddsmap.posterior.belief import Region
+from oddsmap.array_types import FloatArray, IntArray, Region
+from oddsmap.evidence.evidence import Evidence
+from oddsmap.kernels.units import ONE
 from oddsmap.posterior.reflectivity import BetaView, IntervalKind, Quantity
 
 __all__ = ["IntervalKind", "Quantity", "Reflection"]
-
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 
 class Reflection(BetaView):
@@ -59,7 +56,7 @@ class Reflection(BetaView):
 
     def __init__(
         self,
-        evidence: EvidenceMap,
+        evidence: Evidence,
         *,
         a: float = 1.0,
         b: float = 1.0,

@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.maps.probability_map import ProbabilityMap, State, Thresholds
-from oddsmap.posterior.belief import Region
+from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.odds import State, Thresholds
 from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
 
 if TYPE_CHECKING:
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["BetaView", "IntervalKind", "Quantity", "check_beta_prior"]
 
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 Quantity = Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-above"]
 
 

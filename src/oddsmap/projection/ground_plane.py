@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
 
 __all__ = ["GroundPlane", "fit_ground", "lowest_of_columns", "plane_through"]
 
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
 
 _PATCH = 1.0  # [m]: a dense corner must not outvote a sparse field
 _QUANTILE = 0.25

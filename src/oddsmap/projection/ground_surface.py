@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray, IntArray
 from oddsmap.errors import InputError
 from oddsmap.projection.ground_plane import (
     GroundPlane,
@@ -28,9 +29,6 @@ from oddsmap.projection.ground_plane import (
 
 __all__ = ["GroundSurface", "fit_ground_surface"]
 
-IntArray = npt.NDArray[np.int64]
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _PATCH = 1.0  # [m]
 _QUANTILE = 0.25  # of a patch's columns; below it ghosts, above it what stands there

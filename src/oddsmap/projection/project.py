@@ -16,17 +16,19 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.evidence.evidence import EvidenceMap
-from oddsmap.maps.probability_map import ProbabilityMap, Thresholds
+from oddsmap.evidence.evidence import Evidence
+from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.maps.voxel_map import VoxelMap
+from oddsmap.odds import Thresholds
 from oddsmap.posterior.belief import Belief
+from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
 
 __all__ = ["Ground", "project"]
 
-FloatArray = npt.NDArray[np.float64]
 Ground = (
     Literal["relative"]
     | GroundPlane
@@ -39,7 +41,7 @@ _MAX_CELLS = 1 << 31
 
 
 def project(
-    source: EvidenceMap | Belief | VoxelMap,
+    source: Evidence | Belief | VoxelMap,
     z_min: float,
     z_max: float,
     *,
@@ -71,7 +73,7 @@ def project(
     """
     if not z_min < z_max:
         raise ConfigError(f"a height band needs z_min < z_max [m], got {z_min} and {z_max}")
-    view = source.log_odds() if isinstance(source, EvidenceMap) else source
+    view = LogOdds(source) if isinstance(source, Evidence) else source
     if isinstance(view, Belief) and view.ndim != 3:
         raise InputError("only a map of space can be projected, this one is of the plane already")
     resolution = view.resolution

@@ -5,9 +5,9 @@ What is particular about these logs:
 - Time stamps are damaged in many of them (cut to 6 digits, all zero, wrapped): the order of the
   scans is the order of the file, always.
 - "No return" is a number that differs from log to log, found by `no_return_codes.py`. Where lines
-  state a maximum range (ROBOTLASER), the smaller of the two counts. `PARAM robot_front_laser_max` is
-  not used: it is a setting of CARMEN's navigation, and logs that say 80.99 m there (freiburg-079,
-  belgioioso) hold 81.91 m as their number.
+  state a maximum range (ROBOTLASER), the smaller of the two counts. `PARAM robot_front_laser_max`
+  is not used: it is a setting of CARMEN's navigation, and logs that say 80.99 m there
+  (freiburg-079, belgioioso) hold 81.91 m as their number.
 - `#` starts a comment, which may contain the word FLASER. ODOM, NEFF, SYNC and the like hold no
   readings and are passed over; RAWLASER holds readings without a pose, which a note says.
 """

@@ -23,13 +23,12 @@ from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.poses.pose import Pose2
 
 __all__ = ["LASER_KINDS", "BadLineError", "LaserLine", "beam_directions", "parse_laser_line"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # Beyond this the stamp does not fit in 64 bits of nanoseconds (the year 2262).
 _STAMP_LIMIT_S = Decimal(2**63) / 10**9

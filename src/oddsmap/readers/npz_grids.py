@@ -27,7 +27,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose2
 from oddsmap.readers.compression import Source
 from oddsmap.readers.npz_arrays import load_arrays
-from oddsmap.sensors.overhead import GridScan
+from oddsmap.scans.grid_scan import GridScan
 
 __all__ = ["GridLog", "open_npz_grids"]
 

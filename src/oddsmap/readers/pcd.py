@@ -16,11 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.readers.compression import Source
 from oddsmap.readers.lzf import decompress
-from oddsmap.readers.point_cloud import Cloud, FloatArray, check_size, pick_columns, unpack_points
+from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
 from oddsmap.readers.text_table import parse_table
 
 __all__ = ["matches", "read_pcd", "read_viewpoint", "viewpoint_pose"]

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.readers.compression import Source
-from oddsmap.readers.point_cloud import Cloud, FloatArray, check_size, pick_columns, unpack_points
+from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
 from oddsmap.readers.text_table import parse_table
 
 __all__ = ["matches", "read_ply"]

@@ -28,7 +28,7 @@ from oddsmap.readers.compression import Source, open_source
 from oddsmap.readers.npz_arrays import array_names
 from oddsmap.readers.options import FilePath, Given
 from oddsmap.scans.depth_image import PinholeCamera
-from oddsmap.scans.scan import Log
+from oddsmap.scans.log import Log
 
 __all__ = ["READERS", "Reader", "open_log"]
 

@@ -16,13 +16,12 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.scans.scan import Scan
 
 __all__ = ["DepthScan", "PinholeCamera"]
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

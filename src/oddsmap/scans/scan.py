@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +11,7 @@ import numpy.typing as npt
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose, Pose2, Pose3
 
-__all__ = ["Log", "Scan"]
+__all__ = ["Scan"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,35 +78,3 @@ class Scan:
         np.divide(ends, ranges[:, None], out=directions, where=usable[:, None])
         directions[~usable, 0] = 1.0
         return cls(map_from_sensor, directions, ranges, stamp_ns)
-
-
-class Log(Protocol):
-    """Scans in file order, and what had to be skipped to get them."""
-
-    @property
-    def path(self) -> str:
-        """Where the log was read from."""
-
-    @property
-    def format(self) -> str:
-        """Name of the format, for people: "CARMEN", "NPZ beam log"."""
-
-    @property
-    def sensor(self) -> Mapping[str, float]:
-        """What the log says of its sensor, by the names of the configuration: `range_max` [m]..."""
-
-    @property
-    def skipped(self) -> Counter[str]:
-        """Lines and scans that could not be read, by reason ("line.short": 3)."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What a person should know of this log, one sentence each."""
-
-    def __len__(self) -> int:
-        """How many scans there are."""
-
-    # Scans of ranges nearly always, so that is what type checkers offer; `Any` stands for the
-    # `GridScan`s of a log of grids.
-    def __iter__(self) -> Iterator[Scan | Any]:
-        """The scans in file order; can be started again."""

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from oddsmap.errors import ConfigError
-from oddsmap.scans.scan import Log, Scan
+from oddsmap.scans.log import Log
+from oddsmap.scans.scan import Scan
 
 __all__ = ["PartOfLog", "every_of", "hold_out"]
 

@@ -26,12 +26,12 @@ import numpy as np
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.full_map.readings import usable_beams
-from oddsmap.integrate.add import said_of_sensor
-from oddsmap.scans.scan import Log
+from oddsmap.scans.log import Log
+from oddsmap.scans.measurement import Measurement
 from oddsmap.scoring.fit import NOISE, Fit
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import KINDS, Measurement, Sensor
+from oddsmap.sensors.registry import KINDS, Sensor, stated_of_sensor
 
 __all__ = ["Calibration", "calibrate"]
 
@@ -132,7 +132,7 @@ def calibrate(
         MapTooLargeError: it would not fit in memory.
     """
     if sensor is None:
-        said = said_of_sensor(log)
+        said = stated_of_sensor(log)
         sensor = KINDS[said.pop("kind")](**said)
     if not isinstance(sensor, BeamSensor | ConeSensor):
         raise ConfigError(

@@ -10,23 +10,23 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.cell_grid import Window
 from oddsmap.forward.model import ForwardModel
 from oddsmap.full_map.readings import usable_beams
 from oddsmap.posterior.belief import Belief
-from oddsmap.scans.scan import Log
+from oddsmap.scans.log import Log
+from oddsmap.scans.measurement import Measurement, ranges_of
 from oddsmap.scoring.marginals import Marginals
 from oddsmap.scoring.reliability import BINS, Reliability
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import Measurement, Sensor
-from oddsmap.sensors.segments import ranges_of
+from oddsmap.sensors.registry import Sensor
 
 __all__ = ["LogScores", "score_map"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # Beams looked at together: as many scans as that takes.
 _BATCH = 1 << 14

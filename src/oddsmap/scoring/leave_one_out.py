@@ -15,8 +15,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.forward.beam_rows import list_rows
 from oddsmap.forward.beams import Beams
@@ -28,7 +28,6 @@ from oddsmap.kernels.infer.responsibilities import LIKELIHOOD, causes
 
 __all__ = ["LeaveOneOut"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # Cells are listed anew where range noise is so much larger, or smaller, than it was.
 _LARGER, _SMALLER = 1.1, 0.6

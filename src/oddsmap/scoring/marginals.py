@@ -8,16 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.forward.beams import BeamCells
 from oddsmap.forward.cell_grid import CellField, Window, windows_of
 from oddsmap.full_map.full_map import FullMap
-from oddsmap.posterior.belief import Belief, sigmoid
+from oddsmap.odds import sigmoid
+from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.log_odds import LogOdds
 
 __all__ = ["Marginals"]
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 class Marginals:

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
+
 __all__ = ["BINS", "Reliability"]
 
-FloatArray = npt.NDArray[np.float64]
 
 BINS = 15
 """Bins of equal width between 0 and 1, as in the calibration literature."""

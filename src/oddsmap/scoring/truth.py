@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.scoring.reliability import Reliability
 
 __all__ = ["Scores", "evaluate"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _LEAST = 1e-9
 

@@ -19,17 +19,18 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError
-from oddsmap.sensors.inverse_model import beam_weights, logit
+from oddsmap.odds import logit
+from oddsmap.sensors.inverse_model import beam_weights
 
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
-    from oddsmap.sensors.registry import Measurement
+    from oddsmap.scans.measurement import Measurement
     from oddsmap.sensors.segments import Segments
 
 __all__ = ["NO_RANGE_MAX", "BeamSensor", "check_rates"]
 
-FloatArray = npt.NDArray[np.float64]
 
 NO_RANGE_MAX = (
     "sensor.range_max is needed by the forward model, got none: set it (--range-max) to the range "

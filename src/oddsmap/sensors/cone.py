@@ -21,25 +21,24 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
+from oddsmap.limits import MAX_COORDINATE
+from oddsmap.scans.measurement import ranges_of
 from oddsmap.sensors.beam import NO_RANGE_MAX, BeamSensor, check_rates
 from oddsmap.sensors.cell_votes import CellVotes
-from oddsmap.sensors.segments import ranges_of
 
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
     from oddsmap.kernels.vote.cone_votes import Cones, Room
-    from oddsmap.sensors.registry import Measurement
+    from oddsmap.scans.measurement import Measurement
 
 __all__ = ["ConeSensor"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # Entries listed at a time: 6 MB. A scan is listed whole, and may have up to _MOST of them (3 GB).
 _ENTRIES = 1 << 17
 _MOST = 1 << 26
-# Beyond this many cells from the map's origin no precision is left within a cell.
-_MAX_COORDINATE = float(1 << 45)
 _MAX_REACH = float(1 << 22)
 
 
@@ -238,7 +237,7 @@ class ConeSensor:
                 "sensor.mark_z_min, mark_z_max, body_min and body_max are for scans of space: "
                 "these are of the plane"
             )
-        limit = _MAX_COORDINATE * resolution
+        limit = MAX_COORDINATE * resolution
         near = [s for s in finite if np.abs(s.map_from_sensor.translation).max() < limit]
         sizes = np.array([scan.size for scan in near], np.int64)
         origins = np.array([s.map_from_sensor.translation for s in near]).reshape(-1, d)

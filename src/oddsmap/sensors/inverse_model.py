@@ -7,20 +7,13 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+
+from oddsmap.array_types import FloatArray
 
 if TYPE_CHECKING:
     from oddsmap.sensors.beam import BeamSensor
 
-__all__ = ["beam_weights", "logit"]
-
-FloatArray = npt.NDArray[np.float64]
-
-
-def logit(p: npt.ArrayLike) -> FloatArray:
-    """Log odds of a probability: log p / (1 - p)."""
-    chance = np.asarray(p, dtype=np.float64)
-    return np.asarray(np.log(chance) - np.log1p(-chance))
+__all__ = ["beam_weights"]
 
 
 def beam_weights(

@@ -16,86 +16,29 @@ Source: Thrun, Burgard, Fox: Probabilistic Robotics (2005), sections 4.2 and 9.2
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.poses.pose import Pose2
+from oddsmap.limits import MAX_COORDINATE
+from oddsmap.odds import logit
+from oddsmap.scans.grid_scan import GridScan
 from oddsmap.sensors.cell_votes import CellVotes
-from oddsmap.sensors.inverse_model import logit
 
 if TYPE_CHECKING:
-    from oddsmap.sensors.registry import Measurement
+    from oddsmap.scans.measurement import Measurement
 
-__all__ = ["GridScan", "OverheadSensor"]
+__all__ = ["OverheadSensor"]
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 # Cells that one scan may span: 1.3 GB while it is taken apart.
 _MAX_SCAN_CELLS = 1 << 25
-# Beyond this many cells from the map's origin no precision is left within a cell.
-_MAX_COORDINATE = float(1 << 45)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GridScan:
-    """One z_t of a sensor that sees cells: a grid of labels or probabilities, at a pose.
-
-    Args:
-        map_from_sensor: pose of the sensor in the map frame.
-        seen: what each pixel says, shape (h, w), rows = y (left) of the sensor ascending, columns =
-            x (forward). 1: seen occupied, 0: seen free, NaN: not seen; in between: the detector's
-            probability that the place is occupied, at prior 1/2. Labels may be whole numbers or
-            bool.
-        resolution: side of a pixel [m].
-        corner: position of the lower left corner of pixel (0, 0) in the sensor frame [m].
-        stamp_ns: time of the scan [ns], or None where the log has none to trust.
-
-    Raises:
-        InputError: another shape, values outside [0, 1], a side that is not positive or a corner
-            that is not finite.
-    """
-
-    map_from_sensor: Pose2
-    seen: npt.NDArray[Any]
-    resolution: float
-    corner: tuple[float, float]
-    stamp_ns: int | None = None
-
-    def __post_init__(self) -> None:
-        seen = np.asarray(self.seen)
-        if seen.ndim != 2 or seen.size == 0 or seen.dtype.kind not in "biuf":
-            raise InputError(
-                "a grid scan needs numbers of shape (h, w), at least one, got "
-                f"{seen.dtype} of shape {seen.shape}"
-            )
-        seen = seen.astype(np.float64)
-        wrong = (seen < 0.0) | (seen > 1.0)
-        if wrong.any():
-            row, column = (int(i) for i in np.argwhere(wrong)[0])
-            raise InputError(
-                "a grid scan holds 0 (free) to 1 (occupied) and NaN (not seen), got "
-                f"{seen[row, column]:g} in row {row}, column {column}"
-            )
-        if not 0.0 < self.resolution < math.inf:
-            raise InputError(
-                f"the pixels of a grid scan need a side above 0 m, got {self.resolution}"
-            )
-        if len(self.corner) != 2 or not all(math.isfinite(at) for at in self.corner):
-            raise InputError(f"the corner of a grid scan is a point x, y [m], got {self.corner}")
-        object.__setattr__(self, "seen", seen)
-
-    @property
-    def size(self) -> int:
-        """How many readings there are."""
-        return int(self.seen.size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,7 +101,7 @@ class OverheadSensor:
         Returns:
             hits and passes in units of 1/65536 vote, of that shape.
         """
-        from oddsmap.kernels.vote.tiles import ONE
+        from oddsmap.kernels.units import ONE
 
         p = np.asarray(seen, np.float64)
         if ((p == 0.0) | (p == 1.0)).all():  # labels: the same without logarithms
@@ -197,7 +140,7 @@ class OverheadSensor:
     def _listed(
         self, scans: Sequence[GridScan], resolution: float, skipped: Counter[str]
     ) -> Iterator[CellVotes]:
-        limit = _MAX_COORDINATE * resolution
+        limit = MAX_COORDINATE * resolution
         for scan in scans:
             pose = scan.map_from_sensor
             if not pose.is_finite:

@@ -12,17 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.scans.depth_image import DepthScan
-from oddsmap.scans.scan import Scan
+from oddsmap.scans.measurement import ranges_of
 
 if TYPE_CHECKING:
+    from oddsmap.scans.measurement import Measurement
     from oddsmap.sensors.beam import BeamSensor
-    from oddsmap.sensors.registry import Measurement
 
-__all__ = ["Segments", "cut_scans", "ranges_of"]
-
-FloatArray = npt.NDArray[np.float64]
+__all__ = ["Segments", "cut_scans"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,19 +113,6 @@ def cut_scans(sensor: BeamSensor, scans: Sequence[Measurement]) -> tuple[Segment
         hit=hit[:used],
     )
     return segments, +skipped
-
-
-def ranges_of(scans: Sequence[Measurement]) -> list[Scan]:
-    """Measurements of ranges as beams.
-
-    Raises:
-        InputError: one sees cells, not ranges.
-    """
-    beams = [scan.to_scan() if isinstance(scan, DepthScan) else scan for scan in scans]
-    ranges = [scan for scan in beams if isinstance(scan, Scan)]
-    if len(ranges) < len(beams):
-        raise InputError("a scan sees cells, not ranges: it needs an OverheadSensor")
-    return ranges
 
 
 def _joined(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:

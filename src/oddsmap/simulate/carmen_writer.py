@@ -11,8 +11,8 @@ from io import BufferedIOBase
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.atomic_write import atomic_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses.pose import Pose2
@@ -20,7 +20,6 @@ from oddsmap.scans.scan import Scan
 
 __all__ = ["write_carmen"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _HEADER = (
     "# CARMEN Logfile\n"

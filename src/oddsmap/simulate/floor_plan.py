@@ -10,13 +10,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import InputError
 from oddsmap.simulate.shapes import Disc, Shape
 
 __all__ = ["FloorPlan"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Both ends of an edge are drawn out by this part of its length, so that rounding opens no gap
 # between two edges that share a corner.

@@ -13,16 +13,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses.pose import Pose2
 from oddsmap.scans.scan import Scan
 
 __all__ = ["GlassScene", "GlassSensor", "glass_path", "glass_scene"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 _RESOLUTION = 0.1
 # Blocks of 16 cells with an obstacle each, lanes of 8 cells around them.

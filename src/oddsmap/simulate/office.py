@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError
 from oddsmap.poses.pose import Pose2
 from oddsmap.simulate.floor_plan import FloorPlan
@@ -23,7 +23,6 @@ from oddsmap.simulate.shapes import Disc, Polygon, Rectangle, Shape, walls_aroun
 
 __all__ = ["office_drive", "office_plan"]
 
-FloatArray = npt.NDArray[np.float64]
 
 _WALL = 0.16
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses.pose import Pose2
-from oddsmap.sensors.overhead import GridScan
+from oddsmap.scans.grid_scan import GridScan
 from oddsmap.simulate.floor_plan import FloorPlan
 
 __all__ = ["OverheadCamera"]

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 
 __all__ = ["Disc", "Polygon", "Rectangle", "Shape", "walls_around"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # A polygon thinner than this [m] on average is a line: nothing can be inside it.
 _THINNEST = 1e-6

@@ -12,16 +12,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses.pose import Pose2
 from oddsmap.scans.scan import Scan
 
 __all__ = ["Sonar2D", "nearest_in_cones"]
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

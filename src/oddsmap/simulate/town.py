@@ -6,8 +6,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError
 from oddsmap.poses.pose import Pose3
 from oddsmap.simulate.solids import Box, Cylinder, Ground, Solid
@@ -15,7 +15,6 @@ from oddsmap.simulate.world3d import World3D
 
 __all__ = ["drive3d", "town"]
 
-FloatArray = npt.NDArray[np.float64]
 
 # The middle of the street: an ellipse around (0, 0) with these half axes [m], 152 m long.
 _HALF_AXES = np.array([30.0, 17.0])

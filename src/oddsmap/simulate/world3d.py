@@ -10,13 +10,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import InputError
 from oddsmap.simulate.solids import Ground, Solid
 
 __all__ = ["World3D"]
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 # Rays are cast in blocks of this many: temporary arrays of 64 kB stay in the cache.
 _BLOCK = 1 << 13

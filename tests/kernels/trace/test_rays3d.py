@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import oddsmap
 import oddsmap.integrate.rays3d
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence_map import EvidenceMap
 from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.kernels.vote.rays3d import BIN_COUNT, sort_rays
 from oddsmap.poses.pose import Pose3

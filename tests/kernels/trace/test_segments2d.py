@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import oddsmap
 import oddsmap.integrate.rays2d
-from oddsmap.evidence.evidence import EvidenceMap
+from oddsmap.evidence_map import EvidenceMap
 from oddsmap.kernels.trace import segments2d as segments
 from oddsmap.sensors.beam import BeamSensor
 from tests.kit import ONE, Votes, add_beams, fan_scan, votes_of

@@ -12,17 +12,9 @@ from hypothesis import strategies as st
 from oddsmap.errors import ConfigError, MapTooLargeError
 from oddsmap.evidence import tiles
 from oddsmap.evidence.tiles import TileStore
-from oddsmap.kernels.vote.tiles import (
-    ANY_FULL,
-    HITS,
-    MAX_UNITS,
-    NARROW_MAX,
-    ONE,
-    PASSES,
-    WIDE_COUNT,
-    find,
-    has_room,
-)
+from oddsmap.kernels.units import HITS, MAX_UNITS, ONE, PASSES
+from oddsmap.kernels.vote.tiles import ANY_FULL, NARROW_MAX, WIDE_COUNT, find, has_room
+from oddsmap.limits import memory_limit
 
 IntArray = npt.NDArray[np.int64]
 Sums = dict[tuple[int, ...], IntArray]
@@ -152,7 +144,7 @@ def test_memory_is_refused_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
         store.add(np.array([[1, 0]]), np.ones((1, 2, 64), np.int64))
     assert store.count == 1
     monkeypatch.undo()
-    assert 1 << 28 < tiles.memory_limit() <= 1 << 62
+    assert 1 << 28 < memory_limit() <= 1 << 62
 
 
 @pytest.mark.parametrize(("d", "side"), [(1, 8), (4, 8), (2, 0), (2, -1), (2, 1025)])

@@ -3,8 +3,8 @@
 
 The binary relatives of `beam_factor.py`. A cell's odds given all others take O(1) for each beam
 that meets it (`incremental_likelihood.py`); when it is turned over, the bins of its beams are gone
-through again. The sums are made anew each time, so that nothing drifts. Gibbs sampling draws each cell
-given all others; hill climbing takes what is more probable.
+through again. The sums are made anew each time, so that nothing drifts. Gibbs sampling draws each
+cell given all others; hill climbing takes what is more probable.
 
 Source: Geman and Geman, Stochastic relaxation (1984); Besag, On the statistical analysis of dirty
 pictures (1986); the beams' part is derived in docs/method/full-map.md.

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import kernel
-from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.kernels.units import ONE
 
 __all__ = ["BeamShape", "fade_cells", "walk", "zone_cells"]
 

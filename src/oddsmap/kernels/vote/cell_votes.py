@@ -12,8 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing, kernel
+from oddsmap.kernels.units import HITS, PASSES
 from oddsmap.kernels.vote.forgetting import scale_units
-from oddsmap.kernels.vote.tiles import HITS, PASSES, TileArrays, add_units, find_or_insert
+from oddsmap.kernels.vote.tiles import TileArrays, add_units, find_or_insert
 
 __all__ = ["apply_counts", "cell_box", "gather_cells"]
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing, inlined
-from oddsmap.kernels.vote.tiles import ONE
+from oddsmap.kernels.units import ONE
 
 __all__ = ["ConeModel", "Cones", "Room", "list_cones"]
 

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from oddsmap.kernels.jit import borrowing
 from oddsmap.kernels.trace.hit_region import BeamShape, fade_cells, zone_cells
 from oddsmap.kernels.trace.rays3d import RAYS, X, Y, Z, emit_ray, set_up
+from oddsmap.kernels.units import HITS, ONE, PASSES
 from oddsmap.kernels.vote.block_table import slot_of
-from oddsmap.kernels.vote.tiles import HITS, ONE, PASSES
 
 __all__ = ["count_scan"]
 

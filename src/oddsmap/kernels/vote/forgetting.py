@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing
-from oddsmap.kernels.vote.tiles import FRACTION_BITS, ONE
+from oddsmap.kernels.units import FRACTION_BITS, ONE
 
 __all__ = ["scale_units"]
 

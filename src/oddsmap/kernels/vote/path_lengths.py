@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing
 from oddsmap.kernels.trace.hit_region import walk
+from oddsmap.kernels.units import ONE
 from oddsmap.kernels.vote.cell_votes import gather_cells
-from oddsmap.kernels.vote.tiles import ONE
 
 __all__ = ["gather_lengths"]
 

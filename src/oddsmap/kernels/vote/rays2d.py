@@ -18,11 +18,9 @@ from oddsmap.kernels.jit import borrowing, inlined
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.trace.hit_region import BeamShape, fade_cells, zone_cells
 from oddsmap.kernels.trace.segments2d import emit_passes, saturated_slabs, set_up
+from oddsmap.kernels.units import HITS, ONE, PASSES
 from oddsmap.kernels.vote.forgetting import scale_units
 from oddsmap.kernels.vote.tiles import (
-    HITS,
-    ONE,
-    PASSES,
     TileArrays,
     add_units,
     find_or_insert,

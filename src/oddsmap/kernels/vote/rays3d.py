@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing, inlined, kernel
 from oddsmap.kernels.trace.rays3d import RAYS, X, Y, Z, emit_ray, ray_axis, set_up
+from oddsmap.kernels.units import HITS, PASSES
 from oddsmap.kernels.vote.block_table import slot_of
-from oddsmap.kernels.vote.tiles import HITS, PASSES, TileArrays, find_or_insert, make_room_for_vote
+from oddsmap.kernels.vote.tiles import TileArrays, find_or_insert, make_room_for_vote
 
 __all__ = ["BIN_COUNT", "SLABS", "apply_marks", "mark_scan", "sort_rays"]
 

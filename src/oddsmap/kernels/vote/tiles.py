@@ -15,13 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing
+from oddsmap.kernels.units import FRACTION_BITS, HITS, MAX_UNITS, ONE, PASSES
 
 __all__ = [
-    "HITS",
-    "MAX_UNITS",
     "NARROW_MAX",
-    "ONE",
-    "PASSES",
     "TileArrays",
     "add_tiles",
     "add_units",
@@ -34,14 +31,7 @@ __all__ = [
     "wide_row",
 ]
 
-HITS, PASSES = 0, 1
-"""The two channels of a tile."""
-FRACTION_BITS = 16
-ONE = 1 << FRACTION_BITS
-"""Units in one whole vote."""
 NARROW_MAX = 255
-MAX_UNITS = 1 << 62
-"""No cell may exceed this many units (7e13 votes): adding one more scan cannot wrap around."""
 
 TILE_COUNT, WIDE_COUNT, ANY_FULL = 0, 1, 2
 

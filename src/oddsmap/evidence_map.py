@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The map that people hold: evidence, with its views and its files.
+
+Every posterior is a view of the evidence, made when it is asked for.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from oddsmap.evidence.evidence import Evidence
+from oddsmap.integrate.add import _ndim, _scans_of, add_log
+from oddsmap.integrate.forgetting import last_stamp
+from oddsmap.scans.log import Log
+from oddsmap.scans.measurement import Measurement
+from oddsmap.sensors.registry import KINDS, Sensor, stated_of_sensor
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from oddsmap.posterior.decay_rate import DecayRate
+    from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.prior import MapLike
+    from oddsmap.posterior.reflection import IntervalKind, Reflection
+
+__all__ = ["EvidenceMap", "build_map", "load_map"]
+
+
+class EvidenceMap(Evidence):
+    """Hits and passes of a field of cells, and what can be made of them.
+
+    A map is `oddsmap.evidence.evidence.Evidence`, whose arguments it takes, with views and files.
+    Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis.
+    """
+
+    def log_odds(
+        self,
+        *,
+        p_hit: float | None = None,
+        p_miss: float | None = None,
+        prior: float | MapLike | None = None,
+        clamp: tuple[float, float] | None = None,
+    ) -> LogOdds:
+        """The posterior of the Bayes filter, a view: see `oddsmap.posterior.log_odds.LogOdds`.
+
+        Args:
+            p_hit: p(x | z) of a hit at prior 1/2; default: the map's sensor model.
+            p_miss: p(x | z) of a pass at prior 1/2; likewise.
+            prior: p(x), a number or a map of it; default: the map's configuration.
+            clamp: lowest and highest probability of the view; None: as they are.
+        """
+        from oddsmap.posterior.log_odds import LogOdds
+
+        return LogOdds(self, p_hit=p_hit, p_miss=p_miss, prior=prior, clamp=clamp)
+
+    def reflection(
+        self,
+        *,
+        a: float = 1.0,
+        b: float = 1.0,
+        threshold: float = 0.5,
+        level: float = 0.95,
+        kind: IntervalKind = "equal-tailed",
+    ) -> Reflection:
+        """How often a beam is reflected: see `oddsmap.posterior.reflection.Reflection`.
+
+        Args:
+            a: the Beta prior's weight of hits.
+            b: its weight of passes.
+            threshold: reflectivity from which a cell counts as occupied.
+            level: of credible intervals.
+            kind: which interval of that level: "equal-tailed" or "highest-density".
+        """
+        from oddsmap.posterior.reflection import Reflection
+
+        return Reflection(self, a=a, b=b, threshold=threshold, level=level, kind=kind)
+
+    def decay_rate(
+        self, *, shape: float = 1.0, rate: float | None = None, level: float = 0.95
+    ) -> DecayRate:
+        """How soon beams end in a cell: see `oddsmap.posterior.decay_rate.DecayRate`.
+
+        Args:
+            shape: the Gamma prior's weight of hits.
+            rate: its length without a hit [m]; None: the side of a cell.
+            level: of credible intervals.
+        """
+        from oddsmap.posterior.decay_rate import DecayRate
+
+        return DecayRate(self, shape=shape, rate=rate, level=level)
+
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write the map as a Zarr folder: see `oddsmap.evidence.store.save_map`."""
+        from oddsmap.evidence.store import save_map
+
+        save_map(self, path, force=force)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> EvidenceMap:
+        """Read a map that `save` wrote: see `load_map`."""
+        return load_map(path)
+
+
+def build_map(
+    log: Log | Iterable[Measurement],
+    resolution: float,
+    *,
+    sensor: Sensor | None = None,
+    votes: str | None = None,
+    half_life: float | None = None,
+    t_ref_ns: int | None = None,
+    path_lengths: bool = False,
+    method: str = "rays",
+    threads: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> EvidenceMap:
+    """Map a log: the whole way from readings to evidence.
+
+    Args:
+        log: what `open_log` gives, or any scans.
+        resolution: side of a cell [m].
+        sensor: the sensor model; by default what the log says of its sensor: an `OverheadSensor`
+            for grid scans, a `ConeSensor` where it says that beams are wide, else a `BeamSensor`.
+        votes: "scan": a cell gets at most one vote a scan, hits before passes (the textbook
+            filter: one update a measurement). "beam": every beam votes, weights add up. Default:
+            "beam" for cones, where each echo is a measurement, else "scan".
+        half_life: evidence of this age weighs half [s], for worlds that change; every scan needs
+            a stamp. None: it never fades.
+        t_ref_ns: the time at which it weighs 1 [ns]; default: that of the last scan, for which
+            the log is gone through twice.
+        path_lengths: True: also keep the length of the beams inside each cell, for
+            `EvidenceMap.decay_rate`; needs votes "beam".
+        method: how depth images free cells. "rays": exactly, along the ray of every pixel;
+            "projective": those whose centre lies before what its pixel sees, which is many times
+            as fast and approximate (docs/method-depth.md). Hits are the same.
+        threads: how many to work with; changes no bit of the result.
+        progress: called with the number of scans done so far.
+
+    Returns:
+        The map, of the plane or of space as the scans are; its `report` says what was used and
+        what was skipped.
+
+    Raises:
+        InputError: no usable scan, or scans of the plane and of space together.
+        ConfigError: a parameter outside its range.
+        MapTooLargeError: the map, or one scan of it, would not fit in memory.
+    """
+    if half_life is not None and t_ref_ns is None:
+        log = list(log) if isinstance(log, Iterator) else log
+        t_ref_ns = last_stamp(_scans_of(log, method))
+    scans = _scans_of(log, method)
+    first = next(scans, None)
+    if sensor is None:
+        said = stated_of_sensor(log, first=first)
+        sensor = KINDS[said.pop("kind")](**said)
+    ndim = _ndim(first)
+    evidence = EvidenceMap(
+        resolution, votes=votes, half_life=half_life, t_ref_ns=t_ref_ns,
+        path_lengths=path_lengths, sensor=sensor, ndim=ndim,
+    )  # fmt: skip
+    ahead = scans if first is None else chain([first], scans)
+    evidence.report = add_log(
+        evidence, log, scans=ahead, method=method, threads=threads, progress=progress
+    )
+    return evidence
+
+
+def load_map(
+    path: str | os.PathLike[str],
+    *,
+    lo: npt.ArrayLike | None = None,
+    hi: npt.ArrayLike | None = None,
+) -> EvidenceMap:
+    """Read a map, or the cells of a box of it.
+
+    Args:
+        path: a folder that `EvidenceMap.save` wrote.
+        lo: first cell to read, shape (d,), x first; None: all.
+        hi: past the last cell to read, shape (d,); None: all.
+
+    Raises:
+        InputError: not a map, damaged, or of a newer format.
+    """
+    from oddsmap.evidence.store import read_map
+
+    return read_map(path, EvidenceMap, lo=lo, hi=hi)
