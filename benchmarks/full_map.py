@@ -43,9 +43,9 @@ from oddsmap.forward.cell_grid import CellField  # noqa: E402
 from oddsmap.full_map.belief_propagation import Propagation  # noqa: E402
 from oddsmap.full_map.estimator import build_full_map  # noqa: E402
 from oddsmap.full_map.online import OnlineFullMap  # noqa: E402
-from oddsmap.full_map.readings import usable_beams  # noqa: E402
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, passing_messages  # noqa: E402
 from oddsmap.sensors.cone import ConeSensor  # noqa: E402
+from oddsmap.sensors.usable_beams import usable_beams  # noqa: E402
 from oddsmap.simulate import Sonar2D  # noqa: E402
 
 RESOLUTION = 0.1

@@ -129,7 +129,7 @@ def main() -> None:
         log = open_log(options.log)
         if not isinstance(log, DepthLog):
             raise SystemExit(f"{options.log}: no depth images")
-        frames = list(itertools.islice(log.depth_scans(), options.frames))
+        frames = list(itertools.islice(log, options.frames))
     show({f"{r} m": compare(frames, r) | states(frames, r) for r in (0.05, 0.1)})
 
 

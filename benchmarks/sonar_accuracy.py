@@ -26,10 +26,10 @@ from oddsmap.forward.beam_rows import list_rows
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.estimator import build_full_map
 from oddsmap.full_map.online import OnlineFullMap
-from oddsmap.full_map.readings import usable_beams
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.registry import stated_of_sensor
+from oddsmap.sensors.usable_beams import usable_beams
 
 __all__ = ["CASES", "Case", "load_cases", "score_all"]
 

@@ -35,12 +35,12 @@ from oddsmap.config.full_map import FullMapConfig  # noqa: E402
 from oddsmap.forward.beam_rows import list_rows  # noqa: E402
 from oddsmap.forward.cell_grid import CellField  # noqa: E402
 from oddsmap.full_map.belief_propagation import Propagation  # noqa: E402
-from oddsmap.full_map.readings import usable_beams  # noqa: E402
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, beam_room, chances, factor  # noqa: E402
 from oddsmap.kernels.infer.first_echo import Noise  # noqa: E402
 from oddsmap.kernels.jit import kernel  # noqa: E402
 from oddsmap.scoring.truth import evaluate  # noqa: E402
 from oddsmap.sensors.cone import ConeSensor  # noqa: E402
+from oddsmap.sensors.usable_beams import usable_beams  # noqa: E402
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import pytest
 import oddsmap
 from oddsmap import ConeSensor, EvidenceMap, InputError, OutputError, Pose2, Scan, build_map
 from oddsmap.atomic_write import check_output
-from oddsmap.full_map.readings import usable_beams
+from oddsmap.sensors.usable_beams import usable_beams
 from tests.kit import fan_scan
 
 CONE = ConeSensor(cone_deg=20.0, range_max=4.0)

@@ -12,11 +12,11 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.integrate.add import _ndim, _scans_of, add_log
+from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.forgetting import last_stamp
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
-from oddsmap.sensors.registry import KINDS, Sensor, stated_of_sensor
+from oddsmap.sensors.registry import Sensor, sensor_of_log
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -150,13 +150,12 @@ def build_map(
     """
     if half_life is not None and t_ref_ns is None:
         log = list(log) if isinstance(log, Iterator) else log
-        t_ref_ns = last_stamp(_scans_of(log, method))
-    scans = _scans_of(log, method)
+        t_ref_ns = last_stamp(log)
+    scans = iter(log)
     first = next(scans, None)
     if sensor is None:
-        said = stated_of_sensor(log, first=first)
-        sensor = KINDS[said.pop("kind")](**said)
-    ndim = _ndim(first)
+        sensor = sensor_of_log(log, first=first)
+    ndim = ndim_of(first)
     evidence = EvidenceMap(
         resolution, votes=votes, half_life=half_life, t_ref_ns=t_ref_ns,
         path_lengths=path_lengths, sensor=sensor, ndim=ndim,

@@ -19,7 +19,6 @@ from oddsmap.forward import cell_grid as field
 from oddsmap.forward.beams import Beams
 from oddsmap.full_map.estimator import FullMapEstimator, build_full_map
 from oddsmap.full_map.full_map import FullMap, load_full_map
-from oddsmap.full_map.readings import usable_beams
 from oddsmap.odds import State
 from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.scans.scan import Scan
@@ -27,6 +26,7 @@ from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.overhead import OverheadSensor
 from oddsmap.sensors.registry import Sensor
+from oddsmap.sensors.usable_beams import usable_beams
 from tests.full_map.kit import (
     RESOLUTION,
     SONAR,

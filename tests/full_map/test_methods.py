@@ -45,7 +45,7 @@ def exact(prior: float = 0.3) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.flo
     Likelihoods are those of the forward model, cell by cell from the nearest.
     """
     from oddsmap.forward.beam_rows import list_rows
-    from oddsmap.full_map.readings import usable_beams
+    from oddsmap.sensors.usable_beams import usable_beams
 
     model = SONAR.forward_model()
     beams, _, _ = usable_beams(echoes(), SONAR)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -274,19 +274,10 @@ def test_what_is_counted() -> None:
     assert reports[0][2]["scan.empty"] == 1
 
 
-def test_a_log_of_depth_images_is_asked_for_them() -> None:
-    class Log:
-        def __iter__(self) -> Iterator[Scan]:
-            return (frame.to_scan() for frame in FRAMES[:2])
-
-        def depth_scans(self) -> Iterator[DepthScan]:
-            return iter(FRAMES[:2])
-
-    want = votes_of(by_projection(FRAMES[:2]))
-    assert votes_of(build_map(Log(), 0.125, method="projective")) == want
+def test_rays_of_images_are_those_of_their_beams() -> None:
     rays = votes_of(build_map(FRAMES[:2], 0.125))
-    assert votes_of(build_map(Log(), 0.125, method="rays")) == rays
-    assert want != rays
+    assert votes_of(build_map([frame.to_scan() for frame in FRAMES[:2]], 0.125)) == rays
+    assert votes_of(by_projection(FRAMES[:2])) != rays
 
 
 def test_what_it_cannot_do() -> None:
@@ -299,9 +290,9 @@ def test_what_it_cannot_do() -> None:
         build_map(image, 0.1, method="splat")
     with pytest.raises(InputError, match="is for depth images"):
         build_map(scan, 0.1, method="projective")
-    with pytest.raises(InputError, match=r"is for depth images .* and maps of space"):
+    with pytest.raises(InputError, match=r"is for depth images .* and 3D maps"):
         build_map([fan_scan(0.0, 0.0, 0.0, [1.0])], 0.1, method="projective")
-    with pytest.raises(InputError, match="maps of space"):
+    with pytest.raises(InputError, match="3D maps"):
         add_scans(EvidenceMap(0.1), image, method="projective")
     with pytest.raises(InputError, match="plane"):
         add_scans(EvidenceMap(0.1), [Scan(Pose2(0, 0, 0), np.eye(2), np.ones(2)), *image])

@@ -53,12 +53,12 @@ def test_seven_scenes_is_in_millimetres_and_has_two_invalid_values(tmp_path: Pat
     assert log.camera == CAMERA
     assert log.notes == ()
     for _ in range(2):
-        scans = list(log.depth_scans())
+        scans = list(log)
         assert [float(s.map_from_sensor.translation[0]) for s in scans] == [0, 1, 2]
     depth = scans[0].depth
     assert depth.dtype == np.float32
     np.testing.assert_array_equal(depth, np.array([[0, 1, 0], [2, 5, 0.001]], np.float32))
-    as_beams = next(iter(log))
+    as_beams = next(iter(log)).to_scan()
     assert np.isnan(as_beams.ranges).tolist() == [True, False, True, False, False, False]
 
 
@@ -117,7 +117,7 @@ def test_a_broken_image_is_an_error_or_a_counted_skip(
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
     log = open_depth(tmp_path, camera=CAMERA, skip_bad=True)
-    assert len(list(log)) == len(list(log.depth_scans())) == 2
+    assert len(list(log)) == 2
     assert log.skipped == {"scan.unreadable": 1}
 
 
@@ -150,7 +150,7 @@ def test_tum_has_5000_units_a_metre_and_poses_by_stamp(tmp_path: Path) -> None:
     tum(tmp_path)
     log = open_depth(tmp_path, camera=CAMERA)
     assert log.format == "TUM RGB-D depth images"
-    first, second = log.depth_scans()
+    first, second = log
     np.testing.assert_array_equal(first.depth[1], np.array([0.4, 1.0, 0.0002], np.float32))
     assert first.depth[0, 2] == np.float32(65535 / 5000)
     assert first.stamp_ns == 1_000_000_000
@@ -190,7 +190,7 @@ def test_real_seven_scenes(data_folder: Path) -> None:
     log = open_depth(data_folder / "rgbd" / "7scenes")
     assert log.camera == PinholeCamera(585.0, 585.0, 320.0, 240.0, 640, 480)
     assert len(log) == 84
-    invalid = sum(int((scan.depth == 0).sum()) for scan in log.depth_scans())
+    invalid = sum(int((scan.depth == 0).sum()) for scan in log)
     assert invalid == 2_872_410  # of 25,804,800 pixels
     assert not log.skipped
 
@@ -204,7 +204,7 @@ def test_real_tum_frames_agree_with_each_other(data_folder: Path) -> None:
     errors = {}
     for fy in (480.0, -480.0):
         camera = PinholeCamera(481.2, fy, 319.5, 239.5, 640, 480)
-        first, _, third = open_depth(folder, camera=camera).depth_scans()
+        first, _, third = open_depth(folder, camera=camera)
         beams = first.to_scan()
         points = first.map_from_sensor.transform(beams.directions * beams.ranges[:, None])
         x, y, z = third.map_from_sensor.inverse().transform(points).T

@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,13 +15,15 @@ from hypothesis import strategies as st
 from oddsmap.errors import ConfigError
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.memory_log import LoadedLog
+from oddsmap.scans.note import Note
 from oddsmap.scans.split_log import every_of, hold_out
 from tests.kit import fan_scan
 
 
 def log_of(count: int) -> LoadedLog:
     scans = tuple(fan_scan(float(i), 0.0, 0.0, [1.0]) for i in range(count))
-    return LoadedLog("run.log", "CARMEN", {"range_max": 5.0}, Counter({"line.short": 2}), ("a",),
+    return LoadedLog("run.log", "CARMEN", {"range_max": 5.0}, Counter({"line.short": 2}),
+                     (Note("a", code="a"),),
                      scans)  # fmt: skip
 
 
@@ -39,7 +41,7 @@ def test_what_the_log_says_is_handed_on() -> None:
     kept, _ = hold_out(log_of(3), 2)
     assert (kept.path, kept.format, kept.sensor) == ("run.log", "CARMEN", {"range_max": 5.0})
     assert (kept.skipped, kept.notes) == ({"line.short": 2}, ("a",))
-    assert not hasattr(kept, "depth_scans")
+    assert kept.sensors[""].settings == {"range_max": 5.0}
 
 
 def test_depth_images_stay_images(tmp_path: Path) -> None:
@@ -53,12 +55,11 @@ def test_depth_images_stay_images(tmp_path: Path) -> None:
         return DepthScan(Pose3(np.eye(3), np.zeros(3)), depth, camera)
 
     log = DepthLog(
-        path=str(tmp_path), format="RGB-D", scan_count=5, camera=camera, read_depth=image,
-        read_scan=lambda i: image(i).to_scan(),
+        path=str(tmp_path), format="RGB-D", scan_count=5, camera=camera, read_scan=image,
     )  # fmt: skip
     kept, held = hold_out(log, 2)
-    images: Iterator[DepthScan] = kept.depth_scans()  # type: ignore[attr-defined]
-    assert [float(scan.depth[0, 0]) for scan in images] == [1.0, 3.0, 5.0]
+    images: list[Any] = list(kept)
+    assert [float(image.depth[0, 0]) for image in images] == [1.0, 3.0, 5.0]
     assert len(list(held)) == 2
 
 

@@ -238,7 +238,7 @@ def test_filters_of_space_say_what_may_mark() -> None:
     assert sensor_hits(before) == 3 * ONE
     assert sensor_hits(after) == ONE
     assert changed.votes([scan], 0.1)[1] == {"hit.on_body": 1, "hit.outside_heights": 1}
-    with pytest.raises(ConfigError, match="of the plane"):
+    with pytest.raises(ConfigError, match="for 3D scans"):
         changed.votes([one_beam(Pose2(0.0, 0.0, 0.0), [1.0, 0.0], 1.0)], 0.1)
 
 

@@ -11,18 +11,26 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from oddsmap.config.config import Config
-from oddsmap.errors import InputError
+from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.forward.model import ForwardModel
-from oddsmap.full_map.readings import ranging_sensor, usable_beams
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.report import Report
+from oddsmap.sensors.base import RangingSensor
+from oddsmap.sensors.registry import settings_of
+from oddsmap.sensors.usable_beams import usable_beams
 
 if TYPE_CHECKING:
     from oddsmap.kernels.infer.beam_factor import BeamRows
 
-__all__ = ["BeamCollector"]
+__all__ = ["BeamCollector", "ranging_sensor"]
+
+# Settings of the filter that would change which readings count, and how much.
+_OF_THE_FILTER = {
+    "map": ("half_life", "path_lengths"),
+    "sensor": ("mark_z_min", "mark_z_max", "body_min", "body_max"),
+}
 
 
 class BeamCollector:
@@ -62,7 +70,7 @@ class BeamCollector:
             {
                 "source": None if path is None else str(path).rsplit("/", 1)[-1],
                 "scans": len(self._scans) - before,
-                "sensor": {"kind": self._sensor.kind, **dataclasses.asdict(self._sensor)},
+                "sensor": settings_of(self._sensor),
                 "estimator": self._estimator,
             }
         )
@@ -94,3 +102,27 @@ class BeamCollector:
         p = prior[beams.ndim - 2]
         field = CellField(beams.ndim, round(math.log(p / (1.0 - p)) * NAT))
         return field, list_rows(field, beams, model or self.model, self._resolution)
+
+
+def ranging_sensor(config: Config) -> RangingSensor:
+    """The sensor of a configuration that full-map estimation can take.
+
+    Raises:
+        ConfigError: its sensor has no forward model, or something is set that the forward model
+            does not know and that would change what is mapped.
+    """
+    sensor = config.sensor
+    if not isinstance(sensor, RangingSensor):
+        raise ConfigError(
+            f"full-map estimation is for beams and cones; a sensor of kind {sensor.kind} sees "
+            "cells one by one: use --estimator filter, which is exact for it"
+        )
+    for section, names in _OF_THE_FILTER.items():
+        for name in names:
+            value = getattr(getattr(config, section), name)
+            if value is not None and value is not False:
+                raise ConfigError(
+                    f"{section}.{name} is for the filter, full-map estimation has no such thing: "
+                    f"leave it out, or use --estimator filter (got {value})"
+                )
+    return sensor

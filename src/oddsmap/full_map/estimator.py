@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
-from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,15 +21,14 @@ import numpy as np
 from oddsmap.config.config import Config, MapConfig
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError
-from oddsmap.forward.beams import Beams
-from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.collector import BeamCollector
 from oddsmap.full_map.full_map import FullMap
+from oddsmap.full_map.toy_beams import toy_beams
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.report import Report
-from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import KINDS, Sensor, stated_of_sensor
+from oddsmap.sensors.registry import Sensor, sensor_of_log
+from oddsmap.warm_up import warm_up
 
 if TYPE_CHECKING:
     from oddsmap.full_map.belief_propagation import Propagation
@@ -67,8 +65,7 @@ def build_full_map(
         MapTooLargeError: it would not fit in memory.
     """
     if sensor is None:
-        said = stated_of_sensor(log)
-        sensor = KINDS[said.pop("kind")](**said)
+        sensor = sensor_of_log(log)
     config = Config(
         map=MapConfig(resolution=float(resolution), votes=sensor.default_votes),
         sensor=sensor,
@@ -177,7 +174,7 @@ class FullMapEstimator:
         from oddsmap.full_map.belief_propagation import Propagation
 
         settings, resolution = self.config.full_map, self.config.map.resolution
-        compile_s = _compile(joint)
+        compile_s = warm_up(_estimate_toys, joint)
         started = time.perf_counter()
         field, rows = self._beams.list_beams((settings.prior_in(2), settings.prior_in(3)))
         self.report.compile_s += compile_s
@@ -190,25 +187,12 @@ class FullMapEstimator:
         return work, sweeps, residual, started
 
 
-def _compile(joint: bool) -> float:
-    """Compile the kernels, or load them from the cache; returns the seconds that took."""
-    started = time.perf_counter()
-    _compile_once(joint)
-    return time.perf_counter() - started
-
-
-@cache
-def _compile_once(joint: bool) -> None:
-    # Toy maps go through the same kernels, one of the plane and one of space.
-    from oddsmap.forward.beam_rows import list_rows, note_observed
+def _estimate_toys(joint: bool) -> None:
+    from oddsmap.forward.beam_rows import note_observed
     from oddsmap.full_map.belief_propagation import Propagation
     from oddsmap.full_map.joint_samples import draw_maps, log_odds_by_climbing
 
-    model = ConeSensor(cone_deg=30.0, range_max=3.0).forward_model()
-    for d in (2, 3):
-        field = CellField(d, 0)
-        beams = Beams(np.zeros((1, d)), np.eye(d)[:1], np.array([2.0]))
-        rows = list_rows(field, beams, model, 1.0)
+    for field, rows, model in toy_beams():
         for schedule in ("chunks", "sequential"):
             settings = FullMapConfig(sweeps=1, burn_in=0, schedule=schedule)
             work = Propagation(field, rows, model.noise(1.0), np.ones(1), settings)

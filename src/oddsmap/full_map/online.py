@@ -22,7 +22,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,13 +31,16 @@ from oddsmap.config.config import Config, MapConfig
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.cell_grid import CellField
+from oddsmap.full_map.collector import ranging_sensor
 from oddsmap.full_map.full_map import FullMap
-from oddsmap.full_map.readings import ranging_sensor, usable_beams
 from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.report import Report
 from oddsmap.scans.scan import Scan
 from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.registry import settings_of
+from oddsmap.sensors.usable_beams import usable_beams
+from oddsmap.warm_up import warm_up
 
 if TYPE_CHECKING:
     from oddsmap.forward.beams import Beams
@@ -130,7 +132,7 @@ class OnlineFullMap:
             InputError: scans of the plane and of space together, or a scan that is not of ranges.
             MapTooLargeError: it would not fit in memory.
         """
-        report = Report(compile_s=_compile())
+        report = Report(compile_s=warm_up(_estimate_toys))
         source = iter(scans)
         while True:
             started = time.perf_counter()
@@ -184,7 +186,7 @@ class OnlineFullMap:
             {
                 "source": None,
                 "scans": self.report.scans,
-                "sensor": {"kind": self._sensor.kind, **dataclasses.asdict(self._sensor)},
+                "sensor": settings_of(self._sensor),
                 "estimator": "full-map-online",
                 "window": self._window,
                 "prior_every": self._prior_every,
@@ -273,16 +275,7 @@ class OnlineFullMap:
         )
 
 
-def _compile() -> float:
-    """Compile the kernels, or load them from the cache; returns the seconds that took."""
-    started = time.perf_counter()
-    _compile_once()
-    return time.perf_counter() - started
-
-
-@cache
-def _compile_once() -> None:
-    # Toy maps go through the same kernels, one of the plane and one of space.
+def _estimate_toys() -> None:
     toy = Config(
         map=MapConfig(resolution=1.0),
         sensor=ConeSensor(cone_deg=30.0, range_max=3.0),

@@ -24,7 +24,6 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable, Iterable
-from functools import cache
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -33,16 +32,15 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.config.config import Config, MapConfig
 from oddsmap.errors import ConfigError
-from oddsmap.forward.beams import Beams
-from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map.collector import BeamCollector
 from oddsmap.full_map.reflection_map import REST, ReflectionMap
+from oddsmap.full_map.toy_beams import toy_beams
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.posterior.reflectivity import check_beta_prior
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
-from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import KINDS, Sensor, stated_of_sensor
+from oddsmap.sensors.registry import Sensor, sensor_of_log
+from oddsmap.warm_up import warm_up
 
 if TYPE_CHECKING:
     from oddsmap.kernels.infer.beam_factor import BeamRows
@@ -121,8 +119,7 @@ def build_reflection_map(
     if sweeps < 1:
         raise ConfigError(f"sweeps: at least 1 is needed, got {sweeps}")
     if sensor is None:
-        said = stated_of_sensor(log)
-        sensor = KINDS[said.pop("kind")](**said)
+        sensor = sensor_of_log(log)
     config = Config(
         map=MapConfig(resolution=float(resolution), votes=sensor.default_votes), sensor=sensor
     )
@@ -131,7 +128,7 @@ def build_reflection_map(
     bias = 2.0 / math.pi * resolution if range_bias is None else float(range_bias)
     sigma = max(collector.model.sigma, _SPREAD * resolution)
     model = dataclasses.replace(collector.model, detection=1.0, range_bias=bias, sigma=sigma)
-    compile_s = _compile()
+    compile_s = warm_up(_estimate_toys)
     started = time.perf_counter()
     field, rows = collector.list_beams((0.5, 0.5), model)
     noise = model.noise(resolution)
@@ -228,26 +225,14 @@ def _moved(
     return float(change.mean()) if len(change) else 0.0
 
 
-def _compile() -> float:
-    """Compile the kernels, or load them from the cache; returns the seconds that took."""
-    started = time.perf_counter()
-    _compile_once()
-    return time.perf_counter() - started
-
-
-@cache
-def _compile_once() -> None:
-    # Toy maps go through the same kernels, one of the plane and one of space.
-    from oddsmap.forward.beam_rows import list_rows, note_observed
+def _estimate_toys() -> None:
+    from oddsmap.forward.beam_rows import note_observed
     from oddsmap.kernels.infer.beta_factor import filter_beams
 
-    model = ConeSensor(cone_deg=30.0, range_max=3.0).forward_model()
-    for d in (2, 3):
-        field = CellField(d, 0)
-        beams = Beams(np.zeros((1, d)), np.eye(d)[:1], np.array([2.0]))
-        rows = list_rows(field, beams, model, 1.0)
+    for field, rows, model in toy_beams():
         alpha, beta = np.full((2, len(field.belief)), 0.1)
-        filter_beams(rows, np.arange(1), model.noise(1.0), np.ones(1), alpha, beta)
-        _propagate(rows, model.noise(1.0), alpha, beta, 1, None)
-        _count(rows, model.noise(1.0), alpha, beta, 1, None, (0.1, 0.1))
+        noise = model.noise(1.0)
+        filter_beams(rows, np.arange(1), noise, np.ones(1), alpha, beta)
+        _propagate(rows, noise, alpha, beta, 1, None)
+        _count(rows, noise, alpha, beta, 1, None, (0.1, 0.1))
         note_observed(field, rows, model, 1.0, np.ones(1))

@@ -1,40 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """Scans and a sensor model to evidence: the mapping itself.
 
-for each batch of scans:                    # threads.py, shared among threads
-segments = sensor.segments(batch)       # sensors/beam.py: metres, map frame
-cells = to_cells(segments)              # to_cells.py: position / resolution
-integrator.add(cells)                   # rays2d.py, rays3d.py: exact votes
+for each batch of scans:                # threads.py: shared among threads
+integrator.add(batch)               # integrator.py: which one
+segments = sensor.segments()    # sensors/beam.py: metres, map frame
+cells = to_cells(segments)      # to_cells.py: position / resolution
+votes into tiles                # rays2d.py, rays3d.py: exact
 """
 
 from __future__ import annotations
 
-import dataclasses
-import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from functools import cache
-
-import numpy as np
+from collections.abc import Callable, Iterable
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.integrate.threads import Team
-from oddsmap.poses.pose import Pose2, Pose3
-from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.integrate.threads import WorkerPool
+from oddsmap.integrate.toy_map import compile_kernels
+from oddsmap.scans.depth_image import DepthScan
 from oddsmap.scans.grid_scan import GridScan
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.report import Report
-from oddsmap.scans.scan import Scan
-from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.overhead import OverheadSensor
-from oddsmap.sensors.registry import Sensor
+from oddsmap.sensors.registry import Sensor, settings_of
 
-__all__ = ["add_log", "add_scans"]
-
-METHODS = ("rays", "projective")
+__all__ = ["add_log", "add_scans", "ndim_of"]
 
 
 def add_log(
@@ -52,7 +42,7 @@ def add_log(
     Arguments and errors as in `build_map`; `sensor` is by default the map's, and `scans` are the
     log's, where they have been begun to read already.
     """
-    source = _scans_of(log, method) if scans is None else scans
+    source = log if scans is None else scans
     report = add_scans(
         evidence, source, sensor=sensor, method=method, threads=threads, progress=progress
     )
@@ -69,7 +59,7 @@ def add_log(
         scans=report.scans,
         beams=report.beams,
         skipped=dict(report.skipped),
-        sensor={"kind": used.kind, **dataclasses.asdict(used)},
+        sensor=settings_of(used),
         method=method,
         **_forgets(evidence),
     )
@@ -100,66 +90,20 @@ def add_scans(
     """
     if threads < 1:
         raise ConfigError(f"threads: at least 1 is needed, got {threads}")
-    if method not in METHODS:
-        raise ConfigError(f'method is "rays" or "projective", got {method!r}')
-    if method == "projective" and evidence.ndim != 3:
-        raise InputError('method "projective" is for depth images (DepthScan) and maps of space')
     sensor = sensor or evidence.sensor
-    if method == "projective" and not isinstance(sensor, BeamSensor):
-        raise ConfigError(
-            f'method "projective" takes each pixel as a narrow beam, the sensor is of kind '
-            f'{sensor.kind}: use method "rays"'
-        )
-    team = Team(evidence, sensor, threads, method)
-    report = Report(compile_s=_compile(evidence, sensor, method))
-    for scan_count, beam_count, skipped in team.run(scans):
+    workers = WorkerPool(evidence, sensor, threads, method)
+    report = Report(compile_s=compile_kernels(evidence, sensor, method))
+    for scan_count, beam_count, skipped in workers.run(scans):
         report.add(scan_count, beam_count, skipped)
         if progress is not None:
             lost = sum(n for reason, n in report.skipped.items() if reason.startswith("scan."))
             progress(report.scans + lost)
-    report.integrate_s, report.read_s = team.integrate_s, team.read_s
+    report.integrate_s, report.read_s = workers.integrate_s, workers.read_s
     return report
 
 
-def _scans_of(log: Log | Iterable[Measurement], method: str) -> Iterator[Measurement]:
-    """The scans of a log; its depth images as such where the method asks for them."""
-    images = getattr(log, "depth_scans", None) if method == "projective" else None
-    return iter(log) if images is None else iter(images())
-
-
-def _ndim(scan: Measurement | None) -> int:
+def ndim_of(scan: Measurement | None) -> int:
+    """2 or 3: of the map that a measurement goes into; 2 where there is none."""
     if scan is None or isinstance(scan, GridScan):
         return 2
     return 3 if isinstance(scan, DepthScan) else scan.directions.shape[1]
-
-
-def _compile(evidence: Evidence, sensor: Sensor, method: str) -> float:
-    """Compile what a map needs, or load it from the cache; returns the seconds that took."""
-    started = time.perf_counter()
-    weights = (
-        evidence.votes == "beam"
-        or evidence.config.map.half_life is not None
-        or (isinstance(sensor, BeamSensor) and not sensor.whole_votes)
-    )
-    _compile_once(evidence.ndim, sensor.kind, weights, evidence.lengths is not None, method)
-    return time.perf_counter() - started
-
-
-@cache
-def _compile_once(ndim: int, kind: str, weights: bool, lengths: bool, method: str) -> None:
-    # A toy map goes through the same kernels.
-    pose = Pose2(0.5, 0.5, 0.0) if ndim == 2 else Pose3(np.eye(3), np.full(3, 0.5))
-    scan: Measurement = Scan(pose, np.eye(ndim), np.full(ndim, 3.0))
-    sensor: Sensor = BeamSensor(fade=1.0 if weights else 0.0)
-    if kind == ConeSensor.kind:
-        sensor = ConeSensor(cone_deg=30.0)
-    elif kind == OverheadSensor.kind and isinstance(pose, Pose2):
-        sensor, scan = OverheadSensor(), GridScan(pose, np.eye(2), 1.0, (0.0, 0.0))
-    elif method == "projective" and isinstance(pose, Pose3):
-        camera = PinholeCamera(2.0, 2.0, 1.5, 1.5, width=4, height=4)
-        scan = DepthScan(pose, np.full((4, 4), 3.0, np.float32), camera)
-    votes = "beam" if lengths else "scan"
-    toy = Evidence(1.0, sensor=sensor, votes=votes, path_lengths=lengths, ndim=ndim)
-    for _ in Team(toy, sensor, 1, method).run([scan]):
-        pass
-    toy.tiles.merge(toy.tiles)

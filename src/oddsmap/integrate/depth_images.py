@@ -20,12 +20,13 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.integrate.to_cells import check_size
-from oddsmap.kernels.trace.clip_beams import BELOW, BODY, HEIGHT, LOST, NAN
+from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT
+from oddsmap.kernels.trace.readings import BELOW, LOST, NAN
 from oddsmap.kernels.vote.depth_image import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
 from oddsmap.limits import MAX_COORDINATE
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.measurement import Measurement
-from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.base import RaySensor
 
 __all__ = ["ProjectiveIntegrator"]
 
@@ -52,25 +53,22 @@ class ProjectiveIntegrator(Integrator3D):
     """
 
     def __init__(
-        self, evidence: Evidence, sensor: BeamSensor, tiles: TileStore, lock: threading.Lock
+        self, evidence: Evidence, sensor: RaySensor, tiles: TileStore, lock: threading.Lock
     ) -> None:
         if evidence.votes != "scan":
             raise ConfigError('method "projective" asks each cell once: it needs votes="scan"')
-        if sensor.hit_width > 0:
-            raise ConfigError(
-                'method "projective" hits end cells alone: it needs sensor.hit_width = 0, '
-                f"got {sensor.hit_width:g}"
-            )
-        for name, unset in (("sigma", 0.0), ("fade", 0.0)):
-            if getattr(sensor, name) != unset:
+        for name in ("sigma", "fade", "half_width"):
+            value = getattr(sensor.hit_shape, name)
+            if value != 0.0:
+                field, value = ("hit_width", 2 * value) if name == "half_width" else (name, value)
                 raise ConfigError(
-                    f'method "projective" gives whole votes: it needs sensor.{name} = 0, '
-                    f"got {getattr(sensor, name):g}"
+                    f'method "projective" gives one whole hit a beam: it needs sensor.{field} = 0, '
+                    f"got {value:g}"
                 )
         if evidence.config.map.half_life is not None:
             raise ConfigError('method "projective" gives whole votes: it takes no map.half_life')
         super().__init__(evidence, sensor, tiles, lock)
-        self._filters = np.isfinite(sensor.heights).any() or sensor.body_min is not None
+        self._filters = np.isfinite(sensor.heights).any() or np.isfinite(sensor.body).all()
         self._camera: _Lookup | None = None
 
     def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
@@ -81,7 +79,7 @@ class ProjectiveIntegrator(Integrator3D):
                 raise InputError(
                     'method "projective" is for depth images (DepthScan), got '
                     f"{type(scan).__name__}: "
-                    'use method "rays", or the depth_scans() of a log of depth images'
+                    'use method "rays"'
                 )
             pixels, reasons = self._add_image(scan)
             scan_count, used = scan_count + (pixels > 0), used + pixels

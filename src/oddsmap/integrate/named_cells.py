@@ -6,6 +6,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -13,11 +14,12 @@ from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.cell_window import CellWindow
+from oddsmap.integrate.path_lengths import check_lengths
 from oddsmap.kernels.units import ONE
 from oddsmap.kernels.vote.cell_votes import cell_box, gather_cells
 from oddsmap.scans.measurement import Measurement
+from oddsmap.sensors.base import CellSensor
 from oddsmap.sensors.cell_votes import CellVotes
-from oddsmap.sensors.registry import CellSensor
 
 __all__ = ["CellIntegrator"]
 
@@ -44,6 +46,14 @@ class CellIntegrator:
         self._window = CellWindow(
             tiles, lock, every_beam=self._every_beam, resolution=self._resolution, lost=self.lost
         )
+
+    @classmethod
+    def for_threads(cls, evidence: Evidence, sensor: CellSensor, threads: int) -> Sequence[Self]:
+        """One for each thread; all of them add to the map's tiles, by turns."""
+        if evidence.lengths is not None:
+            check_lengths(sensor)
+        lock = threading.Lock()
+        return [cls(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
 
     def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""

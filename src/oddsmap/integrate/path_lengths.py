@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.cell_window import CellWindow
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.vote.path_lengths import gather_lengths
-from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.base import RaySensor
 from oddsmap.sensors.registry import Sensor
 
 __all__ = ["LengthIntegrator", "check_lengths"]
@@ -25,14 +26,16 @@ def check_lengths(sensor: Sensor) -> None:
     Raises:
         ConfigError: a sensor of no narrow beams, or one whose hits are wide.
     """
-    if not isinstance(sensor, BeamSensor):
+    if sensor.evidence_from != "rays":
         raise ConfigError(
             f"map.path_lengths is for narrow beams, the sensor is of kind {sensor.kind}"
         )
-    if sensor.half_width > 0.0:
+    shape = cast(RaySensor, sensor).hit_shape
+    if shape.half_width > 0.0:
+        width = 0.0 if shape.sigma > 0.0 else 2.0 * shape.half_width
         raise ConfigError(
             "map.path_lengths counts up to the return, where the hit is: it needs "
-            f"sensor.hit_width = 0 and sigma = 0, got {sensor.hit_width:g} and {sensor.sigma:g}"
+            f"sensor.hit_width = 0 and sigma = 0, got {width:g} and {shape.sigma:g}"
         )
 
 

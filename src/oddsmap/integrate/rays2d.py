@@ -11,6 +11,7 @@ import math
 import threading
 from collections import Counter
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from oddsmap.kernels.trace.segments2d import COLUMNS
 from oddsmap.kernels.units import ONE
 from oddsmap.kernels.vote.rays2d import DONE, FULL, SLABS, Room, count_votes, mark_votes
 from oddsmap.scans.measurement import Measurement
-from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.base import RaySensor
 from oddsmap.sensors.segments import Segments
 
 __all__ = ["Integrator2D"]
@@ -50,7 +51,7 @@ class Integrator2D:
     def __init__(
         self,
         evidence: Evidence,
-        sensor: BeamSensor,
+        sensor: RaySensor,
         tiles: TileStore,
         lock: threading.Lock | None = None,
     ) -> None:
@@ -60,12 +61,12 @@ class Integrator2D:
         self._resolution = evidence.resolution
         self._sensor = sensor
         self._every_beam = evidence.votes == "beam"
-        self._shape = beam_shape(sensor, evidence.resolution)
+        self._shape = beam_shape(sensor.hit_shape, evidence.resolution)
         forgets = evidence.config.map.half_life is not None
         self._marks = not self._every_beam and sensor.whole_votes and not forgets
         self._mark_window = np.zeros(0, np.uint8)
         self._count_window = np.zeros((2, 0), np.int64)
-        zone = cells_near_return(sensor, evidence.resolution, 2)
+        zone = cells_near_return(sensor.hit_shape, evidence.resolution, 2)
         self._cells = np.zeros((zone, 2), np.int64)
         self._left = np.zeros(zone)
         self._weights = np.zeros(zone, np.int64)
@@ -84,6 +85,13 @@ class Integrator2D:
             self._lengths = LengthIntegrator(
                 evidence.lengths, lock or threading.Lock(), self._resolution, self.lost[1:]
             )
+
+    @classmethod
+    def for_threads(cls, evidence: Evidence, sensor: RaySensor, threads: int) -> Sequence[Self]:
+        """One for each thread; scans are small and many, so that each has tiles of its own."""
+        lock = threading.Lock()
+        own = [evidence.tiles, *(evidence.new_tiles() for _ in range(threads - 1))]
+        return [cls(evidence, sensor, tiles, lock) for tiles in own]
 
     def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""

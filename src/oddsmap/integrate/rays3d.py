@@ -6,6 +6,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ from oddsmap.kernels.vote.counts3d import count_scan
 from oddsmap.kernels.vote.rays3d import BIN_COUNT, SLABS, apply_marks, mark_scan, sort_rays
 from oddsmap.limits import memory_limit
 from oddsmap.scans.measurement import Measurement
-from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.base import RaySensor
 
 __all__ = ["Integrator3D"]
 
@@ -51,7 +52,7 @@ class Integrator3D:
     """
 
     def __init__(
-        self, evidence: Evidence, sensor: BeamSensor, tiles: TileStore, lock: threading.Lock
+        self, evidence: Evidence, sensor: RaySensor, tiles: TileStore, lock: threading.Lock
     ) -> None:
         self.scale = ONE
         self.lost = np.zeros(2, np.int64)
@@ -60,7 +61,7 @@ class Integrator3D:
         self._resolution = evidence.resolution
         self._sensor = sensor
         self._every_beam = evidence.votes == "beam"
-        self._shape = beam_shape(sensor, evidence.resolution)
+        self._shape = beam_shape(sensor.hit_shape, evidence.resolution)
         forgets = evidence.config.map.half_life is not None
         self._marks_only = not self._every_beam and sensor.whole_votes and not forgets
         self._bits = tiles.side.bit_length() - 1
@@ -74,7 +75,7 @@ class Integrator3D:
         self._spans = np.empty((BIN_COUNT, 4))
         self._rays = np.empty(COLUMNS * RAYS)
         self._done = np.zeros(BIN_COUNT, np.int32)
-        zone = cells_near_return(sensor, evidence.resolution, 3)
+        zone = cells_near_return(sensor.hit_shape, evidence.resolution, 3)
         self._zone = np.zeros((zone, 3), np.int64)
         self._zone_left = np.zeros(zone)
         self._zone_weights = np.zeros(zone, np.int64)
@@ -85,6 +86,12 @@ class Integrator3D:
                 evidence.lengths, lock, self._resolution, self.lost[1:]
             )
         self._grow(_FIRST_BLOCKS)
+
+    @classmethod
+    def for_threads(cls, evidence: Evidence, sensor: RaySensor, threads: int) -> Sequence[Self]:
+        """One for each thread; all of them add to the map's tiles, by turns."""
+        lock = threading.Lock()
+        return [cls(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
 
     def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""

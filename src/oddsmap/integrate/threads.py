@@ -9,46 +9,25 @@ a scan is long, threads mark on their own and add to one store by turns. Integer
 from __future__ import annotations
 
 import queue
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from typing import Protocol
-
-import numpy as np
-import numpy.typing as npt
 
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.forgetting import by_weight
+from oddsmap.integrate.integrator import Counts, Integrator, make_integrators
 from oddsmap.scans.measurement import Measurement
-from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.registry import Sensor
 
-__all__ = ["Team"]
+__all__ = ["WorkerPool"]
 
 # Beams in one batch: enough that Python's share of the time is small, few enough that progress
 # shows and Ctrl-C is answered at once.
 _BATCH_BEAMS = 1 << 14
 
-Counts = tuple[int, int, Counter[str]]
 
-
-class Integrator(Protocol):
-    """What adds scans to tiles; see `Integrator2D` and `Integrator3D`."""
-
-    tiles: TileStore
-    scale: int
-    """What the scans to come weigh [1/65536]."""
-    lost: npt.NDArray[np.int64]
-    """How many weights above 0 have become 0 by the scale: votes, path lengths."""
-
-    def add(self, scans: Sequence[Measurement]) -> Counts:
-        """Add a batch: scans used, beams used, and what was skipped by reason."""
-
-
-class Team:
+class WorkerPool:
     """One integrator a thread, for one map.
 
     Args:
@@ -63,7 +42,7 @@ class Team:
     ) -> None:
         self._evidence = evidence
         self._forgets = evidence.config.map.half_life, evidence.config.map.t_ref_ns
-        self._integrators = _integrators(evidence, sensor, threads, method)
+        self._integrators = make_integrators(evidence, sensor, threads, method)
         self._busy_s = dict.fromkeys(range(threads), 0.0)
         self.read_s = 0.0
         """Time that was spent waiting for scans [s]: reading, where a log reads on demand."""
@@ -153,30 +132,3 @@ def _add_by_weight(
     skipped["length.underflow"] += int(integrator.lost[1])
     integrator.lost[:] = 0
     return scan_count, beam_count, +skipped
-
-
-def _integrators(
-    evidence: Evidence, sensor: Sensor, threads: int, method: str
-) -> Sequence[Integrator]:
-    lock = threading.Lock()
-    if not isinstance(sensor, BeamSensor):
-        if evidence.lengths is not None:
-            from oddsmap.integrate.path_lengths import check_lengths
-
-            check_lengths(sensor)
-        from oddsmap.integrate.named_cells import CellIntegrator
-
-        return [CellIntegrator(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
-    if method == "projective":
-        from oddsmap.integrate.depth_images import ProjectiveIntegrator
-
-        tiles = evidence.tiles
-        return [ProjectiveIntegrator(evidence, sensor, tiles, lock) for _ in range(threads)]
-    if evidence.ndim == 3:
-        from oddsmap.integrate.rays3d import Integrator3D
-
-        return [Integrator3D(evidence, sensor, evidence.tiles, lock) for _ in range(threads)]
-    from oddsmap.integrate.rays2d import Integrator2D
-
-    own = [evidence.tiles, *(evidence.new_tiles() for _ in range(threads - 1))]
-    return [Integrator2D(evidence, sensor, tiles, lock) for tiles in own]

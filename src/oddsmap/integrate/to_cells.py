@@ -12,7 +12,7 @@ from oddsmap.errors import MapTooLargeError
 from oddsmap.kernels.trace.clip_beams import ScanCells, cell_bounds
 from oddsmap.kernels.trace.hit_region import BeamShape
 from oddsmap.limits import MAX_COORDINATE, memory_limit
-from oddsmap.sensors.beam import BeamSensor
+from oddsmap.sensors.inverse_model import HitShape
 from oddsmap.sensors.segments import Segments
 
 __all__ = ["beam_shape", "cells_near_return", "check_size", "to_cells"]
@@ -22,19 +22,19 @@ __all__ = ["beam_shape", "cells_near_return", "check_size", "to_cells"]
 _MAX_LENGTH = 1 << 22
 
 
-def beam_shape(sensor: BeamSensor, resolution: float) -> BeamShape:
+def beam_shape(shape: HitShape, resolution: float) -> BeamShape:
     """How the beams of a sensor vote around a return, in cells."""
     return BeamShape(
-        share=sensor.share_hit or sensor.sigma > 0.0,
-        half_width=sensor.half_width / resolution,
-        sigma=sensor.sigma / resolution,
-        fade=sensor.fade / resolution,
+        share=shape.share,
+        half_width=shape.half_width / resolution,
+        sigma=shape.sigma / resolution,
+        fade=shape.fade / resolution,
     )
 
 
-def cells_near_return(sensor: BeamSensor, resolution: float, d: int) -> int:
+def cells_near_return(shape: HitShape, resolution: float, d: int) -> int:
     """Bounds how many cells one beam's occupied region has, or its fading part."""
-    longest = max(2.0 * sensor.half_width, sensor.fade) / resolution
+    longest = max(2.0 * shape.half_width, shape.fade) / resolution
     return d * (math.ceil(longest) + 2) + 1
 
 

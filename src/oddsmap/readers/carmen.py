@@ -30,6 +30,7 @@ from oddsmap.readers.carmen_messages import (
 from oddsmap.readers.compression import Source
 from oddsmap.readers.no_return_codes import describe_codes, find_codes
 from oddsmap.scans.memory_log import BadLine, LoadedLog
+from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
 __all__ = ["matches", "open_carmen"]
@@ -100,7 +101,13 @@ def open_carmen(source: Source) -> LoadedLog:
     notes = source.initial_notes()
     if bad_lines:
         first = _quote(source.path, bad_lines[0])
-        notes.append(f"{bad_count} laser lines were skipped, the first: {first}")
+        notes.append(
+            Note(
+                f"{bad_count} laser lines were skipped, the first: {first}",
+                code="line.skipped",
+                severity="warning",
+            )
+        )
     range_max = _find_range_max(lines, notes)
     _note_assumptions(lines, kinds, notes)
     return LoadedLog(
@@ -119,14 +126,14 @@ def _to_scan(line: LaserLine) -> Scan:
     return Scan(line.map_from_sensor, directions, line.ranges, line.stamp_ns)
 
 
-def _find_range_max(lines: list[LaserLine], notes: list[str]) -> float | None:
+def _find_range_max(lines: list[LaserLine], notes: list[Note]) -> float | None:
     """The range from which on a finite reading is no return [m]; says in `notes` why."""
     ranges = np.concatenate([line.ranges for line in lines])
     limits: list[float] = []
     codes = find_codes(ranges)
     if codes:
         limits.append(codes[-1].value)
-        notes.append(describe_codes(codes))
+        notes.append(Note(describe_codes(codes), code="no_return.found"))
     stated = {line.maximum_range for line in lines if line.maximum_range is not None}
     if stated:
         lowest = min(stated)
@@ -134,33 +141,60 @@ def _find_range_max(lines: list[LaserLine], notes: list[str]) -> float | None:
         count = int(np.count_nonzero(np.isfinite(ranges) & (ranges >= lowest)))
         smallest = " (the smallest it states)" if len(stated) > 1 else ""
         notes.append(
-            f"the log states a maximum range of {lowest:g} m{smallest}: "
-            f"{count} readings at or above it"
+            Note(
+                f"the log states a maximum range of {lowest:g} m{smallest}: "
+                f"{count} readings at or above it",
+                code="range_max.stated",
+            )
         )
     return min(limits, default=None)
 
 
-def _note_assumptions(lines: list[LaserLine], kinds: Counter[str], notes: list[str]) -> None:
+def _note_assumptions(lines: list[LaserLine], kinds: Counter[str], notes: list[Note]) -> None:
     """Say what a person should know before trusting a map of these scans."""
     stamps = [line.stamp_ns for line in lines if line.stamp_ns is not None]
     stuck = sum(later <= earlier for earlier, later in pairwise(stamps))
     if stuck:
         notes.append(
-            f"{stuck} of {len(lines)} time stamps are not later than the one before: "
-            "scans are kept in the order of the file"
+            Note(
+                f"{stuck} of {len(lines)} time stamps are not later than the one before: "
+                "scans are kept in the order of the file",
+                code="stamp.order",
+                severity="warning",
+            )
         )
     if len(stamps) < len(lines):
-        notes.append(f"{len(lines) - len(stamps)} scans have no usable time stamp")
+        notes.append(
+            Note(
+                f"{len(lines) - len(stamps)} scans have no usable time stamp", code="stamp.missing"
+            )
+        )
     half_circle = {len(line.ranges) for line in lines if line.kind in ("FLASER", "RLASER")}
     if unusual := half_circle - _USUAL_BEAM_COUNTS:
         counts = ", ".join(str(count) for count in sorted(unusual))
-        notes.append(f"FLASER with {counts} beams: a field of view of 180 degrees is assumed")
+        notes.append(
+            Note(
+                f"FLASER with {counts} beams: a field of view of 180 degrees is assumed",
+                code="field_of_view.assumed",
+                severity="warning",
+            )
+        )
     if poseless := sum(kinds[kind] for kind in _POSELESS_KINDS):
-        notes.append(f"{poseless} RAWLASER and LASER lines have no pose and were not read")
+        notes.append(
+            Note(
+                f"{poseless} RAWLASER and LASER lines have no pose and were not read",
+                code="pose.missing",
+                severity="warning",
+            )
+        )
     if kinds["FLASER"] and kinds["ROBOTLASER1"]:
         notes.append(
-            "FLASER and ROBOTLASER1 lines are both used: if they repeat the same readings, "
-            "take one kind out"
+            Note(
+                "FLASER and ROBOTLASER1 lines are both used: if they repeat the same readings, "
+                "take one kind out",
+                code="scan.twice",
+                severity="warning",
+            )
         )
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from oddsmap.errors import InputError
+from oddsmap.scans.note import Note
 
 __all__ = ["HEAD_SIZE", "TRUNCATED", "Source", "open_source"]
 
@@ -50,9 +51,12 @@ class Source:
         """The counter a reader starts from: a damaged container is one counted skip."""
         return Counter({TRUNCATED: 1}) if self.damage else Counter()
 
-    def initial_notes(self) -> list[str]:
+    def initial_notes(self) -> list[Note]:
         """The notes a reader starts from."""
-        return [f"{self.damage}: only the readable part was used"] if self.damage else []
+        if not self.damage:
+            return []
+        text = f"{self.damage}: only the readable part was used"
+        return [Note(text, code=TRUNCATED, severity="warning")]
 
 
 def open_source(path: str | os.PathLike[str], *, skip_bad: bool = False) -> Source:

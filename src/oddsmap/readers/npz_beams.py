@@ -28,6 +28,7 @@ from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.readers.compression import Source
 from oddsmap.readers.npz_arrays import load_arrays
 from oddsmap.scans.memory_log import LoadedLog
+from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
 __all__ = ["matches", "open_npz_beams"]
@@ -190,11 +191,17 @@ def _directions(path: str, beams: _Array, rows: _IntArray) -> _FloatArray:
     return directions
 
 
-def _read_ranges(ranges: _Array, range_max: _Array | None, notes: list[str]) -> _FloatArray:
+def _read_ranges(ranges: _Array, range_max: _Array | None, notes: list[Note]) -> _FloatArray:
     """Ranges [m] in which what is at or above range_max has become +Inf."""
     result: _FloatArray = ranges.astype(np.float64)
     if range_max is None:
-        notes.append("no `range_max` in the file: every finite range is read as a return")
+        notes.append(
+            Note(
+                "no `range_max` in the file: every finite range is read as a return",
+                code="range_max.unknown",
+                severity="warning",
+            )
+        )
         return result
     # In the coarser of the two precisions: 4.1 as float32 is less than 4.1 as float64.
     limit = range_max.ravel()[0]
@@ -202,8 +209,11 @@ def _read_ranges(ranges: _Array, range_max: _Array | None, notes: list[str]) -> 
     far = ranges.astype(coarse) >= limit.astype(coarse)
     result[far] = np.inf
     notes.append(
-        f"{np.count_nonzero(far)} of {len(ranges)} ranges are at or above range_max "
-        f"{limit:g} m: read as 'nothing seen'"
+        Note(
+            f"{np.count_nonzero(far)} of {len(ranges)} ranges are at or above range_max "
+            f"{limit:g} m: read as 'nothing seen'",
+            code="range_max.read_as_nothing_seen",
+        )
     )
     return result
 

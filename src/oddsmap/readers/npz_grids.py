@@ -28,6 +28,8 @@ from oddsmap.poses.pose import Pose2
 from oddsmap.readers.compression import Source
 from oddsmap.readers.npz_arrays import load_arrays
 from oddsmap.scans.grid_scan import GridScan
+from oddsmap.scans.log import SensorInfo
+from oddsmap.scans.note import Note
 
 __all__ = ["GridLog", "open_npz_grids"]
 
@@ -61,9 +63,19 @@ class GridLog:
     corner: tuple[float, float]
     stamps_ns: npt.NDArray[np.int64] | None
     skipped: Counter[str]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     format: str = "NPZ grid log"
     sensor: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def sensors(self) -> Mapping[str, SensorInfo]:
+        """The one sensor, as far as the log describes it."""
+        return {"": SensorInfo(self.sensor)}
+
+    @property
+    def scan_count(self) -> int:
+        """How many grids there are."""
+        return len(self.grids)
 
     def __len__(self) -> int:
         """How many grids there are."""
@@ -125,7 +137,10 @@ def open_npz_grids(source: Source) -> GridLog:
         skipped=source.initial_skipped(),
         notes=(
             *source.initial_notes(),
-            f"grids of {height} x {width} {_what_is_in(grids)}, pixels of {pixel:g} m",
+            Note(
+                f"grids of {height} x {width} {_what_is_in(grids)}, pixels of {pixel:g} m",
+                code="grid.size",
+            ),
         ),
     )
 

@@ -27,6 +27,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.readers.compression import TRUNCATED, Source
 from oddsmap.readers.options import Given
 from oddsmap.scans.lazy_log import LazyLog
+from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
 __all__ = ["matches", "open_octomap_graph"]
@@ -68,11 +69,19 @@ def open_octomap_graph(source: Source, given: Given) -> LazyLog:
                 f"{len(nodes)} whole ones: copy the file again"
             )
         skipped[TRUNCATED] = 1
-        notes.append(f"{promised} scans are promised, {len(nodes)} whole ones were found and used")
+        notes.append(
+            Note(
+                f"{promised} scans are promised, {len(nodes)} whole ones were found and used",
+                code="container.truncated",
+                severity="warning",
+            )
+        )
     elif len(source.content) >= end + 4 and (
         edges := struct.unpack_from("<I", source.content, end)[0]
     ):
-        notes.append(f"{edges} edges (constraints between poses) were not read")
+        notes.append(
+            Note(f"{edges} edges (constraints between poses) were not read", code="graph.edges")
+        )
 
     def read_scan(i: int) -> Scan:
         return _read_node(source, i, nodes[i], given)

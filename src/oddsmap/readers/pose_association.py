@@ -22,6 +22,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers.options import FilePath, Given
 from oddsmap.readers.pose_file import read_times, read_trajectory
+from oddsmap.scans.note import Note
 
 __all__ = ["POSE_NAMES", "TIMES_NAME", "PoseMatch", "find_poses", "match_poses", "natural_key"]
 
@@ -37,7 +38,7 @@ class PoseMatch:
 
     map_from_sensor: Callable[[int], Pose3]
     stamps_ns: StampArray | None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def stamp_ns(self, i: int) -> int | None:
         """The stamp of a scan [ns]."""
@@ -93,7 +94,7 @@ def match_poses(
                 f"{path}: {os.fspath(times)} has {len(read)} times for {n} scans: "
                 "give one time for each scan"
             )
-    notes: list[str] = []
+    notes: list[Note] = []
     if trajectory.stamps_ns is not None and stamps is not None:
         by_stamp, scan_stamps = trajectory, stamps
         return PoseMatch(
@@ -110,7 +111,13 @@ def match_poses(
             f"{path}: {n} scans and {len(trajectory)} poses in {trajectory.path}: {hint}"
         )
     if trajectory.stamps_ns is not None:
-        notes.append("the scans have no stamps: poses are taken in their order, one a scan")
+        notes.append(
+            Note(
+                "the scans have no stamps: poses are taken in their order, one a scan",
+                code="pose.by_order",
+                severity="warning",
+            )
+        )
     by_order = trajectory
     return PoseMatch(
         lambda i: given.sensor_pose(by_order[i]),

@@ -37,7 +37,7 @@ from oddsmap.readers.pose_file import read_pose_matrix
 from oddsmap.readers.text_table import parse_numbers, parse_stamp_ns, read_rows
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.lazy_log import DepthLog
-from oddsmap.scans.scan import Scan
+from oddsmap.scans.note import Note
 
 __all__ = ["is_seven_scenes", "is_tum_rgbd", "open_seven_scenes", "open_tum_rgbd"]
 
@@ -159,30 +159,28 @@ def _open(
     stamp_ns: Callable[[int], int | None],
     given: Given,
 ) -> DepthLog:
-    notes: list[str] = []
+    notes: list[Note] = []
     camera = given.camera or _find_camera(name, layout, images, notes)
 
-    def read_depth(i: int) -> DepthScan:
+    def read_image(i: int) -> DepthScan:
         map_from_sensor = pose(i)
         depth = _read_image(images[i], layout, camera)
         return DepthScan(map_from_sensor, depth, camera, stamp_ns(i))
-
-    def read_scan(i: int) -> Scan:
-        return read_depth(i).to_scan()
 
     return DepthLog(
         path=name,
         format=layout.format,
         scan_count=len(images),
-        read_scan=read_scan,
-        read_depth=read_depth,
+        read_scan=read_image,
         camera=camera,
         skip_bad=given.skip_bad,
         opening_notes=tuple(notes),
     )
 
 
-def _find_camera(name: str, layout: _Layout, images: list[Path], notes: list[str]) -> PinholeCamera:
+def _find_camera(
+    name: str, layout: _Layout, images: list[Path], notes: list[Note]
+) -> PinholeCamera:
     """Intrinsics from the folder, for images of the size of the first that can be read."""
     width, height = _first_size(name, images)
     path = Path(name) / _INTRINSICS_NAME
@@ -201,8 +199,12 @@ def _find_camera(name: str, layout: _Layout, images: list[Path], notes: list[str
             f"({_INTRINSICS_NAME}); those assumed by default are for 640 x 480: give camera="
         )
     notes.append(
-        f"no intrinsics ({_INTRINSICS_NAME}): fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g} "
-        "are assumed"
+        Note(
+            f"no intrinsics ({_INTRINSICS_NAME}): fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g} "
+            "are assumed",
+            code="camera.assumed",
+            severity="warning",
+        )
     )
     return PinholeCamera(fx, fy, cx, cy, width, height)
 

@@ -32,6 +32,7 @@ from oddsmap.readers.pose_association import (
 )
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.memory_log import LoadedLog
+from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
 __all__ = ["KINDS", "find_clouds", "open_scan_folder", "open_single_cloud"]
@@ -41,6 +42,18 @@ KINDS: Mapping[str, tuple[str, Callable[[Source], Cloud]]] = {
     ".ply": ("PLY", read_ply),
     ".bin": ("KITTI .bin", read_kitti_bin),
 }
+
+
+_NO_POSE = Note(
+    "no pose: the frame of the sensor is taken for the map frame",
+    code="pose.assumed",
+    severity="warning",
+)
+_VIEWPOINT = Note(
+    "VIEWPOINT is taken for the pose of the sensor, in whose frame the points are",
+    code="pose.viewpoint",
+    severity="warning",
+)
 
 
 def find_clouds(folder: Path) -> dict[str, list[Path]]:
@@ -106,11 +119,7 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
         else:
             given.refuse(source.path, f"a {kind} file without poses", "times")
             found = viewpoint_pose(source.path, cloud.viewpoint)
-            notes.append(
-                "no pose: the frame of the sensor is taken for the map frame"
-                if found is None
-                else "VIEWPOINT is taken for the pose of the sensor, in whose frame the points are"
-            )
+            notes.append(_NO_POSE if found is None else _VIEWPOINT)
             pose = given.sensor_pose(found or _identity())
         return LoadedLog(
             path=source.path,
@@ -126,7 +135,7 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
 
 def _match(
     name: str, folder: Path, suffix: str, files: list[Path], given: Given
-) -> tuple[PoseMatch | None, tuple[str, ...]]:
+) -> tuple[PoseMatch | None, tuple[Note, ...]]:
     """The poses of the files, or None where each VIEWPOINT is one; and what to say of it."""
     poses = given.poses if given.poses is not None else find_poses(folder)
     times = given.times
@@ -138,9 +147,7 @@ def _match(
         return match, match.notes
     if suffix == ".pcd" and _any_viewpoint(files):
         given.refuse(name, "a folder whose poses are each PCD's VIEWPOINT", "times")
-        return None, (
-            "VIEWPOINT is taken for the pose of the sensor, in whose frame the points are",
-        )
+        return None, (_VIEWPOINT,)
     no_viewpoint = ", and VIEWPOINT is the identity in all of them" if suffix == ".pcd" else ""
     raise InputError(
         f"{name}: {len(files)} scans without poses ({' or '.join(POSE_NAMES)} would be "

@@ -97,6 +97,7 @@ class DepthScan:
             carry no information.
         camera: the intrinsics.
         stamp_ns: time of the image [ns], or None where the log has none to trust.
+        sensor_id: which of the log's sensors made it: a key of `Log.sensors`.
 
     Raises:
         InputError: the image has another size than the intrinsics are for.
@@ -106,6 +107,7 @@ class DepthScan:
     depth: npt.NDArray[np.float32]
     camera: PinholeCamera
     stamp_ns: int | None = None
+    sensor_id: str = ""
 
     def __post_init__(self) -> None:
         if self.depth.shape != (self.camera.height, self.camera.width):
@@ -127,4 +129,10 @@ class DepthScan:
             ranges = np.where(
                 (depth > 0) & np.isfinite(depth), depth * self.camera.range_per_depth, np.nan
             )
-        return Scan(self.map_from_sensor, self.camera.directions, ranges.ravel(), self.stamp_ns)
+        return Scan(
+            self.map_from_sensor,
+            self.camera.directions,
+            ranges.ravel(),
+            self.stamp_ns,
+            sensor_id=self.sensor_id,
+        )

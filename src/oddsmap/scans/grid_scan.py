@@ -29,6 +29,7 @@ class GridScan:
         resolution: side of a pixel [m].
         corner: position of the lower left corner of pixel (0, 0) in the sensor frame [m].
         stamp_ns: time of the scan [ns], or None where the log has none to trust.
+        sensor_id: which of the log's sensors made it: a key of `Log.sensors`.
 
     Raises:
         InputError: another shape, values outside [0, 1], a side that is not positive or a corner
@@ -40,6 +41,7 @@ class GridScan:
     resolution: float
     corner: tuple[float, float]
     stamp_ns: int | None = None
+    sensor_id: str = ""
 
     def __post_init__(self) -> None:
         seen = np.asarray(self.seen)

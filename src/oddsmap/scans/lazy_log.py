@@ -6,16 +6,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any
 
 from oddsmap.errors import InputError
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.scans.log import SensorInfo
+from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
 __all__ = ["DepthLog", "LazyLog"]
-
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -37,9 +37,9 @@ class LazyLog:
     path: str
     format: str
     scan_count: int
-    read_scan: Callable[[int], Scan]
+    read_scan: Callable[[int], Scan | DepthScan]
     skip_bad: bool = False
-    opening_notes: tuple[str, ...] = ()
+    opening_notes: tuple[Note, ...] = ()
     opening_skipped: Counter[str] = field(default_factory=Counter)
     sensor: Mapping[str, float] = field(default_factory=dict)
     # By number, so that a scan met again when the log is read again is not counted again.
@@ -55,45 +55,42 @@ class LazyLog:
         return self.opening_skipped + Counter(reasons)
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What a person should know of this log, one sentence each."""
         if not self._bad:
             return self.opening_notes
         first = self._bad[min(self._bad)]
-        return (*self.opening_notes, f"{len(self._bad)} scans were skipped, the first: {first}")
+        text = f"{len(self._bad)} scans were skipped, the first: {first}"
+        return (*self.opening_notes, Note(text, code="scan.skipped", severity="warning"))
+
+    @property
+    def sensors(self) -> Mapping[str, SensorInfo]:
+        """The one sensor, as far as the log describes it."""
+        return {"": SensorInfo(self.sensor)}
 
     def __len__(self) -> int:
         """How many scans there are, the unreadable ones among them."""
         return self.scan_count
 
-    def __iter__(self) -> Iterator[Scan]:
-        """The scans in order; can be started again."""
-        return self._read_all(self.read_scan)
-
-    def _read_all(self, read: Callable[[int], _T]) -> Iterator[_T]:
+    def __iter__(self) -> Iterator[Any]:
+        """The measurements in order; can be started again."""
         for i in range(self.scan_count):
             try:
-                item = read(i)
+                scan = self.read_scan(i)
             except InputError as error:
                 if not self.skip_bad:
                     raise
                 self._bad[i] = error
                 continue
-            yield item
+            yield scan
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DepthLog(LazyLog):
-    """Depth images: as beams when iterated, as images by `depth_scans`.
+    """Depth images: it yields `DepthScan`s.
 
     Args:
         camera: the intrinsics of all images.
-        read_depth: reads the depth image of a number.
     """
 
     camera: PinholeCamera
-    read_depth: Callable[[int], DepthScan]
-
-    def depth_scans(self) -> Iterator[DepthScan]:
-        """The depth images in order; can be started again."""
-        return self._read_all(self.read_depth)

@@ -5,15 +5,36 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from oddsmap.poses.pose import Pose
+from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
-__all__ = ["Log"]
+__all__ = ["Log", "SensorInfo", "scan_count"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorInfo:
+    """What a log says of one sensor.
+
+    Args:
+        settings: by the names of the configuration: `range_max` [m], `cone_deg` [deg]...
+        body_from_sensor: where it sits on the body; None where the log does not say, or where its
+            poses are those of the sensor.
+    """
+
+    settings: Mapping[str, float] = field(default_factory=dict)
+    body_from_sensor: Pose | None = None
 
 
 class Log(Protocol):
-    """Scans in file order, and what had to be skipped to get them."""
+    """A stream of measurements with their poses, and what had to be skipped to get them.
+
+    Measurements are read on demand where a log is large; none is kept by the log then. Each has
+    the id of the sensor that made it (`sensor_id`), one of the keys of `sensors`.
+    """
 
     @property
     def path(self) -> str:
@@ -24,21 +45,41 @@ class Log(Protocol):
         """Name of the format, for people: "CARMEN", "NPZ beam log"."""
 
     @property
+    def sensors(self) -> Mapping[str, SensorInfo]:
+        """Its sensors by id; a log of one sensor calls it ""."""
+
+    @property
     def sensor(self) -> Mapping[str, float]:
-        """What the log says of its sensor, by the names of the configuration: `range_max` [m]..."""
+        """What the log says of all its sensors alike, by the names of the configuration."""
+
+    @property
+    def scan_count(self) -> int | None:
+        """How many measurements there are; None where that is not known before they are read."""
 
     @property
     def skipped(self) -> Counter[str]:
-        """Lines and scans that could not be read, by reason ("line.short": 3)."""
+        """Lines and scans that could not be read so far, by reason ("line.short": 3)."""
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What a person should know of this log, one sentence each."""
 
     def __len__(self) -> int:
-        """How many scans there are."""
+        """`scan_count`.
+
+        Raises:
+            TypeError: it is not known.
+        """
 
     # Scans of ranges nearly always, so that is what type checkers offer; `Any` stands for the
-    # `GridScan`s of a log of grids.
+    # `DepthScan`s of a depth camera and the `GridScan`s of a log of grids.
     def __iter__(self) -> Iterator[Scan | Any]:
-        """The scans in file order; can be started again."""
+        """The measurements in file order; can be started again."""
+
+
+def scan_count(log: object) -> int | None:
+    """How many measurements a log, or any iterable of them, has; None where it is not known."""
+    count = getattr(log, "scan_count", None)
+    if count is None and hasattr(log, "__len__"):
+        count = len(log)
+    return count

@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from oddsmap.scans.log import SensorInfo
+from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
 __all__ = ["BadLine", "LoadedLog"]
@@ -38,9 +40,19 @@ class LoadedLog:
     format: str
     sensor: Mapping[str, float]
     skipped: Counter[str]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     scans: tuple[Scan, ...]
     bad_lines: tuple[BadLine, ...] = ()
+
+    @property
+    def sensors(self) -> Mapping[str, SensorInfo]:
+        """The one sensor, as far as the log describes it."""
+        return {"": SensorInfo(self.sensor)}
+
+    @property
+    def scan_count(self) -> int:
+        """How many scans there are."""
+        return len(self.scans)
 
     def __len__(self) -> int:
         """How many scans there are."""

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose, Pose2, Pose3
 
@@ -26,6 +27,13 @@ class Scan:
             -Inf = no information (REP-117).
         stamp_ns: time of the scan [ns], or None where the log has none to trust.
 
+    Other Args:
+        sensor_id: which of the log's sensors made it: a key of `Log.sensors`.
+        beam_times_ns: time of each beam [ns], shape (n,), where they were not taken at once.
+        beam_origins: where each beam starts in the sensor frame [m], shape (n, d); None: at the
+            sensor. A scan taken while the sensor moved has one for each beam, or for each group
+            of beams taken at once; it is still one measurement, with one vote a cell.
+
     Raises:
         InputError: the shapes do not fit each other.
     """
@@ -34,6 +42,10 @@ class Scan:
     directions: npt.NDArray[np.float64]
     ranges: npt.NDArray[np.float64]
     stamp_ns: int | None = None
+    _: KW_ONLY
+    sensor_id: str = ""
+    beam_times_ns: IntArray | None = None
+    beam_origins: FloatArray | None = None
 
     def __post_init__(self) -> None:
         d = 2 if isinstance(self.map_from_sensor, Pose2) else 3
@@ -43,6 +55,10 @@ class Scan:
                 f"a scan with a {d}D pose needs ranges (n,) and directions (n, {d}), "
                 f"got {self.ranges.shape} and {self.directions.shape}"
             )
+        for name, shape in (("beam_times_ns", (n,)), ("beam_origins", (n, d))):
+            array = getattr(self, name)
+            if array is not None and array.shape != shape:
+                raise InputError(f"{name} of this scan has shape {shape}, got {array.shape}")
 
     @property
     def size(self) -> int:

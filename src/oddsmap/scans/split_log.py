@@ -6,15 +6,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from oddsmap.errors import ConfigError
-from oddsmap.scans.log import Log
+from oddsmap.scans.log import Log, SensorInfo
+from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
 __all__ = ["PartOfLog", "every_of", "hold_out"]
-
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +41,11 @@ class PartOfLog:
         return self.log.format
 
     @property
+    def sensors(self) -> Mapping[str, SensorInfo]:
+        """The sensors of the log, by id."""
+        return self.log.sensors
+
+    @property
     def sensor(self) -> Mapping[str, float]:
         """What the log says of its sensor."""
         return self.log.sensor
@@ -52,31 +56,34 @@ class PartOfLog:
         return self.log.skipped
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What a person should know of the log."""
         return self.log.notes
 
+    @property
+    def scan_count(self) -> int | None:
+        """How many scans there are; None where it is not known of the whole log."""
+        whole = self.log.scan_count
+        if whole is None:
+            return None
+        held = whole // self.every
+        return held if self.held else whole - held
+
     def __len__(self) -> int:
-        """How many scans there are."""
-        held = len(self.log) // self.every
-        return held if self.held else len(self.log) - held
+        """How many scans there are.
+
+        Raises:
+            TypeError: it is not known.
+        """
+        if self.scan_count is None:
+            raise TypeError(f"{self.path}: the number of scans is not known before they are read")
+        return self.scan_count
 
     def __iter__(self) -> Iterator[Scan | Any]:
         """The scans in file order; can be started again."""
-        return self._part(iter(self.log))
-
-    def _part(self, scans: Iterator[_T]) -> Iterator[_T]:
-        for number, scan in enumerate(scans, 1):
+        for number, scan in enumerate(self.log, 1):
             if (number % self.every == 0) == self.held:
                 yield scan
-
-
-class _PartOfDepthLog(PartOfLog):
-    """The same of a log of depth images."""
-
-    def depth_scans(self) -> Iterator[Any]:
-        """The depth images in order; can be started again."""
-        return self._part(iter(self.log.depth_scans()))  # type: ignore[attr-defined]
 
 
 def hold_out(log: Log, every: int) -> tuple[PartOfLog, PartOfLog]:
@@ -94,8 +101,7 @@ def hold_out(log: Log, every: int) -> tuple[PartOfLog, PartOfLog]:
     """
     if every < 2:
         raise ConfigError(f"every k-th scan is held out, k at least 2, got {every}")
-    kind = _PartOfDepthLog if hasattr(log, "depth_scans") else PartOfLog
-    return kind(log, every, held=False), kind(log, every, held=True)
+    return PartOfLog(log, every, held=False), PartOfLog(log, every, held=True)
 
 
 def every_of(share: float) -> int:

@@ -25,13 +25,13 @@ import numpy as np
 
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.full_map.readings import usable_beams
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scoring.fit import NOISE, Fit
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from oddsmap.sensors.registry import KINDS, Sensor, stated_of_sensor
+from oddsmap.sensors.registry import Sensor, sensor_of_log
+from oddsmap.sensors.usable_beams import usable_beams
 
 __all__ = ["Calibration", "calibrate"]
 
@@ -132,8 +132,7 @@ def calibrate(
         MapTooLargeError: it would not fit in memory.
     """
     if sensor is None:
-        said = stated_of_sensor(log)
-        sensor = KINDS[said.pop("kind")](**said)
+        sensor = sensor_of_log(log)
     if not isinstance(sensor, BeamSensor | ConeSensor):
         raise ConfigError(
             f"calibration is for beams and cones; a sensor of kind {sensor.kind} sees cells one by "

@@ -15,15 +15,14 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.cell_grid import Window
 from oddsmap.forward.model import ForwardModel
-from oddsmap.full_map.readings import usable_beams
 from oddsmap.posterior.belief import Belief
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement, ranges_of
 from oddsmap.scoring.marginals import Marginals
 from oddsmap.scoring.reliability import BINS, Reliability
-from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.base import RangingSensor
 from oddsmap.sensors.registry import Sensor
+from oddsmap.sensors.usable_beams import usable_beams
 
 __all__ = ["LogScores", "score_map"]
 
@@ -107,7 +106,7 @@ def score_map(
         ConfigError: the sensor has no forward model or no range_max.
         MapTooLargeError: one beam would not fit in memory.
     """
-    if not isinstance(sensor, BeamSensor | ConeSensor):
+    if not isinstance(sensor, RangingSensor):
         raise ConfigError(
             f"a map is scored by ranges, and a sensor of kind {sensor.kind} has no forward model "
             "of them: give the sensor of the log (sensor.kind beam or cone)"

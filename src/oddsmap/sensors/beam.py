@@ -14,7 +14,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,12 +22,13 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError
 from oddsmap.odds import logit
-from oddsmap.sensors.inverse_model import beam_weights
+from oddsmap.scans.measurement import Measurement
+from oddsmap.sensors.inverse_model import HitShape, beam_weights
+from oddsmap.sensors.segments import Segments, cut_scans
 
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
-    from oddsmap.scans.measurement import Measurement
-    from oddsmap.sensors.segments import Segments
+    from oddsmap.kernels.trace.readings import Limits
 
 __all__ = ["NO_RANGE_MAX", "BeamSensor", "check_rates"]
 
@@ -78,6 +79,8 @@ class BeamSensor:
     """
 
     kind: ClassVar[str] = "beam"
+    names: ClassVar[tuple[str, ...]] = ("lidar2d", "lidar3d", "depth")
+    evidence_from: ClassVar[Literal["rays", "cells"]] = "rays"
     default_votes: ClassVar[str] = "scan"
 
     range_min: float = 0.0
@@ -174,6 +177,16 @@ class BeamSensor:
         return float(self.spread * self.sigma if self.sigma > 0.0 else self.hit_width / 2)
 
     @property
+    def hit_shape(self) -> HitShape:
+        """How a beam votes around its return."""
+        return HitShape(
+            share=self.share_hit or self.sigma > 0.0,
+            half_width=self.half_width,
+            sigma=float(self.sigma),
+            fade=float(self.fade),
+        )
+
+    @property
     def whole_votes(self) -> bool:
         """True where each beam gives its cells whole votes, with a hit for one cell alone."""
         return self.half_width == 0.0 and self.fade == 0.0
@@ -194,7 +207,7 @@ class BeamSensor:
         return np.array([self.body_min, self.body_max], np.float64)
 
     @property
-    def limits(self) -> tuple[float, float, float, float]:
+    def limits(self) -> Limits:
         """range_min, range_max, how far +Inf clears, how far a finite no-return clears [m].
 
         An unknown range_max is infinite; what clears nothing is NaN.
@@ -207,6 +220,12 @@ class BeamSensor:
             math.nan if unseen is None else float(unseen),
             math.nan if self.clear_range is None else float(self.clear_range),
         )
+
+    @property
+    def forward_limits(self) -> Limits:
+        """Which readings the forward model predicts: see `usable_beams`."""
+        range_min, range_max, _, clear_over = self.limits
+        return range_min, range_max, math.inf, math.nan if math.isnan(clear_over) else math.inf
 
     def inverse_model(
         self,
@@ -237,7 +256,7 @@ class BeamSensor:
         base = np.broadcast_to(np.asarray(prior, dtype=np.float64), at.shape)
         if cell is None and self.sigma > 0.0:
             raise ConfigError("a hit spread by sigma is shared by cells: give the side of a cell")
-        hits, passes = beam_weights(self, at, reading, cell or 0.0)
+        hits, passes = beam_weights(self.hit_shape, at, reading, cell or 0.0)
         factor = hits * logit(self.p_hit) + passes * logit(self.p_miss)
         odds = np.exp(logit(base) + factor)
         return np.where((hits > 0.0) | (passes > 0.0), odds / (1.0 + odds), base)
@@ -256,9 +275,9 @@ class BeamSensor:
             InputError: scans of the plane and of space are mixed.
             ConfigError: a filter for scans of space meets scans of the plane.
         """
-        from oddsmap.sensors.segments import cut_scans
-
-        return cut_scans(self, scans)
+        return cut_scans(
+            scans, limits=self.limits, shape=self.hit_shape, heights=self.heights, body=self.body
+        )
 
 
 def check_rates(detection: float, p_random: float, p_dropout: float) -> None:

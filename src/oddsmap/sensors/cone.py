@@ -16,20 +16,22 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from oddsmap.array_types import FloatArray
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.limits import MAX_COORDINATE
 from oddsmap.scans.measurement import ranges_of
 from oddsmap.sensors.beam import NO_RANGE_MAX, BeamSensor, check_rates
 from oddsmap.sensors.cell_votes import CellVotes
+from oddsmap.sensors.segments import refuse_filters_in_2d
+from oddsmap.sensors.usable_beams import Verdicts, judge_readings
 
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
+    from oddsmap.kernels.trace.readings import Limits
     from oddsmap.kernels.vote.cone_votes import Cones, Room
     from oddsmap.scans.measurement import Measurement
 
@@ -87,6 +89,8 @@ class ConeSensor:
     """
 
     kind: ClassVar[str] = "cone"
+    names: ClassVar[tuple[str, ...]] = ("sonar", "tof")
+    evidence_from: ClassVar[Literal["rays", "cells"]] = "cells"
     default_votes: ClassVar[str] = "beam"
 
     cone_deg: float
@@ -143,6 +147,12 @@ class ConeSensor:
             body_min=self.body_min,
             body_max=self.body_max,
         )
+
+    @property
+    def forward_limits(self) -> Limits:
+        """Which readings the forward model predicts: see `usable_beams`."""
+        range_min, range_max, _, _ = self._axis_beam().limits
+        return range_min, range_max, math.inf, math.inf
 
     def forward_model(self) -> ForwardModel:
         """p(z | map, pose) of the same cone, for simulation and full-map estimation.
@@ -232,11 +242,7 @@ class ConeSensor:
         if len({scan.directions.shape[1] for scan in finite}) > 1:
             raise InputError("scans of the plane and of space cannot go into one map")
         d = finite[0].directions.shape[1] if finite else 2
-        if d == 2 and (beam.heights != (-math.inf, math.inf) or self.body_min is not None):
-            raise ConfigError(
-                "sensor.mark_z_min, mark_z_max, body_min and body_max are for scans of space: "
-                "these are of the plane"
-            )
+        refuse_filters_in_2d(d, beam.heights, beam.body)
         limit = MAX_COORDINATE * resolution
         near = [s for s in finite if np.abs(s.map_from_sensor.translation).max() < limit]
         sizes = np.array([scan.size for scan in near], np.int64)
@@ -251,7 +257,8 @@ class ConeSensor:
         for column in range(d):
             axes += turned[:, :, column] * directions[:, column : column + 1]
         starts = np.repeat(origins, sizes, axis=0)
-        reach, seen, hit, used, skipped = _sorted(beam, ranges, directions, axes, starts)
+        verdicts, hit, skipped = _sorted(beam, ranges, directions, axes, starts)
+        seen, used, reach = verdicts.seen, verdicts.used, verdicts.reach
         skipped["scan.nan_pose"] = len(scans) - len(finite)
         skipped["scan.pose_too_far"] = len(finite) - len(near)
         counts = np.bincount(np.repeat(np.arange(len(near)), sizes)[used], minlength=len(near))
@@ -282,39 +289,22 @@ def _sorted(
     directions: FloatArray,
     axes: FloatArray,
     starts: FloatArray,
-) -> tuple[
-    FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_], npt.NDArray[np.bool_], Counter[str]
-]:
-    """How far beams say something [m]; is it a return, does it mark, is it of use; the skipped.
-
-    The rules of `kernels/trace/clip_beams.py`: wide beams are few, and NumPy is fast enough.
-    """
-    range_min, range_max, clear_unseen, clear_over = beam.limits
-    nothing = np.isnan(ranges) | ~np.isfinite(axes).all(axis=1)
-    below = ~nothing & (ranges < range_min)
-    seen = ~nothing & ~below & (ranges < range_max)
-    far = np.where(seen, ranges, np.where(ranges == np.inf, clear_unseen, clear_over))
-    lost = ~nothing & ~below & np.isnan(far)
-    used = ~(nothing | below | lost)
-    hit = seen.copy()
-    counts = Counter(
-        {
-            "beam.nan": int(np.count_nonzero(nothing)),
-            "beam.below_range_min": int(np.count_nonzero(below)),
-            "beam.no_return": int(np.count_nonzero(lost)),
-        }
-    )
+) -> tuple[Verdicts, BoolArray, Counter[str]]:
+    """What readings are, which of them mark, and what was skipped."""
+    readings = np.where(np.isfinite(axes).all(axis=1), ranges, np.nan)
+    verdicts = judge_readings(readings, beam.limits)
+    hit, counts = verdicts.seen.copy(), verdicts.skipped
     if directions.shape[1] == 3:
         low, high = beam.heights
         with np.errstate(invalid="ignore"):
-            points = directions * far[:, None]
-            z = starts[:, 2] + axes[:, 2] * far
-            on_body = seen & ((beam.body[0] <= points) & (points <= beam.body[1])).all(axis=1)
-            outside = seen & ~on_body & ((z < low) | (z > high))
+            points = directions * verdicts.reach[:, None]
+            z = starts[:, 2] + axes[:, 2] * verdicts.reach
+            on_body = hit & ((beam.body[0] <= points) & (points <= beam.body[1])).all(axis=1)
+            outside = hit & ~on_body & ((z < low) | (z > high))
         hit &= ~(on_body | outside)
         counts["hit.on_body"] = int(np.count_nonzero(on_body))
         counts["hit.outside_heights"] = int(np.count_nonzero(outside))
-    return far, seen, hit, used, counts
+    return verdicts, hit, counts
 
 
 def _room(entries: int, d: int) -> Room:

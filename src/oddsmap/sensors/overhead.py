@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +64,8 @@ class OverheadSensor:
     """
 
     kind: ClassVar[str] = "overhead"
+    names: ClassVar[tuple[str, ...]] = ("overhead",)
+    evidence_from: ClassVar[Literal["rays", "cells"]] = "cells"
     default_votes: ClassVar[str] = "scan"
 
     true_positive_rate: float = 0.9

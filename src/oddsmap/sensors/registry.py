@@ -1,28 +1,36 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The sensor models by name, as `sensor.kind` in a configuration chooses them."""
+"""The sensor models by name: a new one is a file in this folder and a name in `SENSORS`."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import Any, cast
 
 from oddsmap.scans.grid_scan import GridScan
 from oddsmap.scans.measurement import Measurement
+from oddsmap.sensors.base import Sensor
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.overhead import OverheadSensor
 
-__all__ = ["KINDS", "CellSensor", "Sensor"]
+__all__ = [
+    "KINDS",
+    "NAMES",
+    "SENSORS",
+    "Sensor",
+    "sensor_of_log",
+    "settings_of",
+    "stated_of_sensor",
+]
 
-Sensor: TypeAlias = BeamSensor | ConeSensor | OverheadSensor
+SENSORS: tuple[type[Sensor], ...] = (BeamSensor, ConeSensor, OverheadSensor)
 
-CellSensor: TypeAlias = ConeSensor | OverheadSensor
-"""Sensors whose `votes` names the cells itself."""
+KINDS: dict[str, type[Any]] = {sensor.kind: sensor for sensor in SENSORS}
+"""By `sensor.kind` of a configuration."""
 
-KINDS: dict[str, type[Sensor]] = {
-    kind.kind: kind for kind in (BeamSensor, ConeSensor, OverheadSensor)
-}
+NAMES: dict[str, str] = {name: sensor.kind for sensor in SENSORS for name in sensor.names}
+"""What --sensor may say, and the kind that stands for it."""
 
 
 def stated_of_sensor(
@@ -35,10 +43,21 @@ def stated_of_sensor(
         kind: the kind of sensor; default: as the log's readings are.
         first: the first of them.
     """
-    said: Mapping[str, float] = getattr(log, "sensor", {})
+    stated: Mapping[str, float] = getattr(log, "sensor", {})
     if kind is None and isinstance(first, GridScan):
         kind = OverheadSensor.kind
     elif kind is None:
-        kind = ConeSensor.kind if "cone_deg" in said else BeamSensor.kind
+        kind = ConeSensor.kind if "cone_deg" in stated else BeamSensor.kind
     fields = {field.name for field in dataclasses.fields(KINDS[kind])}
-    return {"kind": kind} | {name: value for name, value in said.items() if name in fields}
+    return {"kind": kind} | {name: value for name, value in stated.items() if name in fields}
+
+
+def sensor_of_log(log: object, *, first: Measurement | None = None) -> Sensor:
+    """The sensor model that a log asks for; arguments as in `stated_of_sensor`."""
+    stated = stated_of_sensor(log, first=first)
+    return cast(Sensor, KINDS[stated.pop("kind")](**stated))
+
+
+def settings_of(sensor: Sensor) -> dict[str, Any]:
+    """The kind and the fields of a sensor model, as they are written down."""
+    return {"kind": sensor.kind, **dataclasses.asdict(cast(Any, sensor))}

@@ -14,13 +14,13 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.scans.measurement import ranges_of
+from oddsmap.scans.measurement import Measurement, ranges_of
+from oddsmap.sensors.inverse_model import HitShape
 
 if TYPE_CHECKING:
-    from oddsmap.scans.measurement import Measurement
-    from oddsmap.sensors.beam import BeamSensor
+    from oddsmap.kernels.trace.readings import Limits
 
-__all__ = ["Segments", "cut_scans"]
+__all__ = ["Segments", "cut_scans", "refuse_filters_in_2d"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,20 +44,32 @@ class Segments:
     hit: npt.NDArray[np.bool_]
 
 
-def cut_scans(sensor: BeamSensor, scans: Sequence[Measurement]) -> tuple[Segments, Counter[str]]:
-    """Sort the readings of scans: see `BeamSensor.segments`."""
-    from oddsmap.kernels.trace.clip_beams import BELOW, BODY, HEIGHT, LOST, NAN, cut_beams
+def cut_scans(
+    scans: Sequence[Measurement],
+    *,
+    limits: Limits,
+    shape: HitShape,
+    heights: tuple[float, float],
+    body: FloatArray,
+) -> tuple[Segments, Counter[str]]:
+    """Sort the readings of scans: see `BeamSensor.segments`.
+
+    Args:
+        scans: measurements of ranges.
+        limits: which readings count.
+        shape: how a beam votes around its return.
+        heights: least and most height in the map frame at which a return marks [m].
+        body: corners of a box in the sensor frame in which none does [m], shape (2, 3).
+    """
+    from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT, cut_beams
+    from oddsmap.kernels.trace.readings import BELOW, LOST, NAN
 
     beams = ranges_of(scans)
     finite = [scan for scan in beams if scan.map_from_sensor.is_finite]
     if len({scan.directions.shape[1] for scan in finite}) > 1:
         raise InputError("scans of the plane and of space cannot go into one map")
     d = finite[0].directions.shape[1] if finite else 2
-    if d == 2 and (sensor.heights != (-math.inf, math.inf) or sensor.body_min is not None):
-        raise ConfigError(
-            "sensor.mark_z_min, mark_z_max, body_min and body_max are for scans of space: "
-            "these are of the plane"
-        )
+    refuse_filters_in_2d(d, heights, body)
     starts = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in finite])])
     starts = starts.astype(np.int64)
     shared = all(scan.directions is finite[0].directions for scan in finite)
@@ -66,9 +78,9 @@ def cut_scans(sensor: BeamSensor, scans: Sequence[Measurement]) -> tuple[Segment
     origins = np.array([scan.map_from_sensor.translation for scan in finite]).reshape(-1, d)
     counts = np.zeros(5, np.int64)
     ends = np.empty((starts[-1], d))
-    half_width = sensor.half_width
+    half_width = shape.half_width
     tips = np.empty_like(ends) if half_width > 0 else ends
-    fades = np.empty_like(ends) if sensor.fade > 0 else ends
+    fades = np.empty_like(ends) if shape.fade > 0 else ends
     hit = np.empty(len(ends), np.bool_)
     offsets = np.empty(len(finite) + 1, np.int64)
     cut_beams(
@@ -78,11 +90,11 @@ def cut_scans(sensor: BeamSensor, scans: Sequence[Measurement]) -> tuple[Segment
         starts,
         origins,
         np.array([scan.map_from_sensor.rotation for scan in finite]).reshape(-1, d, d),
-        sensor.limits,
+        limits,
         half_width,
-        float(sensor.fade),
-        sensor.heights,
-        sensor.body,
+        float(shape.fade),
+        heights,
+        body,
         ends,
         tips,
         fades,
@@ -109,10 +121,22 @@ def cut_scans(sensor: BeamSensor, scans: Sequence[Measurement]) -> tuple[Segment
         offsets=offsets[np.concatenate([[True], kept])],
         ends=ends,
         tips=tips[:used] if half_width > 0 else ends,
-        fades=fades[:used] if sensor.fade > 0 else ends,
+        fades=fades[:used] if shape.fade > 0 else ends,
         hit=hit[:used],
     )
     return segments, +skipped
+
+
+def refuse_filters_in_2d(d: int, heights: tuple[float, float], body: FloatArray) -> None:
+    """Refuse filters by height and by body for 2D scans.
+
+    Raises:
+        ConfigError: one is set, and d is 2.
+    """
+    if d == 2 and (heights != (-math.inf, math.inf) or np.isfinite(body).all()):
+        raise ConfigError(
+            "sensor.mark_z_min, mark_z_max, body_min and body_max are for 3D scans: these are 2D"
+        )
 
 
 def _joined(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:

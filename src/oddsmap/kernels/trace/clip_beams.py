@@ -14,12 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing
+from oddsmap.kernels.trace.readings import CLEARS, NAN, SEEN, Limits, judge
 
-__all__ = ["BELOW", "BODY", "HEIGHT", "LOST", "NAN", "ScanCells", "cell_bounds", "cut_beams"]
+__all__ = ["BODY", "HEIGHT", "ScanCells", "cell_bounds", "cut_beams"]
 
-NAN, BELOW, LOST, HEIGHT, BODY = 0, 1, 2, 3, 4
-"""Why a beam is skipped: range or direction is no number, below range_min, or nothing to clear; why
-its hit is: outside the heights that may mark, or on the robot's own body."""
+HEIGHT, BODY = 3, 4
+"""Why a hit is skipped: outside the heights that may mark, or on the robot's own body. In the
+counts they follow why a beam is: NAN, BELOW and LOST of `readings.py`."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -54,7 +55,7 @@ def cut_beams(
     starts: npt.NDArray[np.int64],
     origins: FloatArray,
     rotations: FloatArray,
-    limits: tuple[float, float, float, float],
+    limits: Limits,
     half_width: float,
     fade: float,
     heights: tuple[float, float],
@@ -75,8 +76,7 @@ def cut_beams(
         starts: first beam of each scan and the end, shape (scans + 1,).
         origins: sensor positions [m], shape (scans, d).
         rotations: map_from_sensor, shape (scans, d, d).
-        limits: range_min, range_max (inf where unknown), how far +Inf clears, how far a finite
-            no-return clears (NaN: not at all).
+        limits: see `judge`.
         half_width: half the length of the occupied region [m].
         fade: the way before that region over which passes fade [m].
         heights: least and most z in the map frame at which a return marks [m]; in space only.
@@ -89,7 +89,6 @@ def cut_beams(
         offsets: first usable beam of each scan and the end, shape (scans + 1,).
         skipped: counts by NAN, BELOW, LOST, HEIGHT, BODY, added to.
     """
-    range_min, range_max, clear_unseen, clear_over = limits
     # Scalars for three axes, the third of which rests in the plane: loops over axes of a length
     # known only at run time cost three times as much.
     space = origins.shape[1] == 3
@@ -109,19 +108,11 @@ def cut_beams(
         start = starts[scan] if shared else 0
         for i in range(starts[scan], starts[scan + 1]):
             reading = ranges[i]
-            if math.isnan(reading):
-                skipped[NAN] += 1
+            verdict, reach = judge(reading, limits)
+            if verdict < CLEARS:
+                skipped[verdict] += 1
                 continue
-            if reading < range_min:
-                skipped[BELOW] += 1
-                continue
-            seen = reading < range_max
-            reach = reading
-            if not seen:
-                reach = clear_unseen if reading == np.inf else clear_over
-                if math.isnan(reach):
-                    skipped[LOST] += 1
-                    continue
+            seen = verdict == SEEN
             dx, dy = directions[i - start, 0], directions[i - start, 1]
             rx, ry, rz = xx * dx + xy * dy, yx * dx + yy * dy, 0.0
             if space:

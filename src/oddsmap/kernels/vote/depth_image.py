@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing, inlined, kernel
-from oddsmap.kernels.trace.clip_beams import BELOW, BODY, HEIGHT, LOST, NAN
+from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT
+from oddsmap.kernels.trace.readings import BELOW, CLEARS, LOST, NAN, Limits, judge
 from oddsmap.kernels.vote.rays3d import FREE, OCCUPIED
 
 __all__ = ["TEXEL_BITS", "depth_box", "mark_ends", "mark_free", "read_depth"]
@@ -49,7 +50,7 @@ PIXEL_MARGIN = 1e-6
 def read_depth(
     depth: npt.NDArray[np.floating],
     range_per_depth: FloatArray,
-    limits: tuple[float, float, float, float],
+    limits: Limits,
     clear: Image,
     seen: npt.NDArray[np.uint8],
     least: npt.NDArray[np.float32],
@@ -58,12 +59,13 @@ def read_depth(
 ) -> int:
     """Sort the pixels of an image into returns, no-returns and what says nothing; make a pyramid.
 
-    The rules are those of `beams.cut_beams`, for the distance along the pixel's ray.
+    The rule is `judge`'s, for the distance along the pixel's ray. Returns are found by the same
+    comparisons without branches, which the compiler vectorises.
 
     Args:
         depth: distance along z [m], shape (h, w).
         range_per_depth: distance along the ray at depth 1, shape (h, w).
-        limits: range_min, range_max, and how far no-returns clear, as for `cut_beams`.
+        limits: see `judge`.
         clear: takes the depth up to which each pixel clears [m], 0: it does not; shape (h, w).
         seen: takes 1 where there is a return, else 0; shape (h, w).
         least: takes the least of `clear` in each texel, shape (levels, rows, columns). A texel of
@@ -74,7 +76,7 @@ def read_depth(
     Returns:
         How many pixels are used.
     """
-    range_min, range_max, clear_unseen, clear_over = limits
+    range_min, range_max = limits[0], limits[1]
     height, width = depth.shape
     columns = (width + TEXEL - 1) >> TEXEL_BITS
     low, high = np.empty(width, np.float32), np.empty(width, np.float32)
@@ -99,12 +101,12 @@ def read_depth(
             for u in range(width):
                 d = np.float64(depth[v, u])
                 r = d * range_per_depth[v, u]
-                if seen[v, u] or not (0.0 < d < np.inf) or r < range_min:
+                if seen[v, u] or not 0.0 < d < np.inf:
                     continue
-                reach = clear_unseen if r == np.inf else clear_over
-                if math.isnan(reach):
+                verdict, reach = judge(r, limits)
+                if verdict == LOST:
                     skipped[LOST] += 1
-                else:
+                elif verdict == CLEARS:
                     clear[v, u] = np.float32(reach / range_per_depth[v, u])
                     used += 1
         row = clear[v]

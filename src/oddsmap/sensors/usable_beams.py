@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which readings say something: the rule of `kernels/trace/readings.py`, for whole arrays."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from oddsmap.array_types import BoolArray, FloatArray
+from oddsmap.forward.beams import Beams
+from oddsmap.limits import MAX_COORDINATE
+from oddsmap.scans.measurement import Measurement, ranges_of
+from oddsmap.sensors.base import RangingSensor
+
+if TYPE_CHECKING:
+    from oddsmap.kernels.trace.readings import Limits
+
+__all__ = ["Verdicts", "judge_readings", "usable_beams"]
+
+
+class Verdicts(NamedTuple):
+    """What some readings are, arrays of shape (n,)."""
+
+    seen: BoolArray
+    """A return."""
+    used: BoolArray
+    """A return, or a no-return that clears."""
+    reach: FloatArray
+    """How far each says something [m]; NaN where it says nothing."""
+    skipped: Counter[str]
+    """How many say nothing, by reason."""
+
+
+def judge_readings(ranges: FloatArray, limits: Limits) -> Verdicts:
+    """Sort readings [m], shape (n,)."""
+    from oddsmap.kernels.trace.readings import BELOW, CLEARS, LOST, NAN, SEEN, judge_all
+
+    verdict, reach = np.empty(len(ranges), np.uint8), np.empty(len(ranges))
+    judge_all(np.ascontiguousarray(ranges, np.float64), limits, verdict, reach)
+    count = np.bincount(verdict, minlength=SEEN + 1)
+    skipped = Counter(
+        {
+            "beam.nan": int(count[NAN]),
+            "beam.below_range_min": int(count[BELOW]),
+            "beam.no_return": int(count[LOST]),
+        }
+    )
+    return Verdicts(verdict == SEEN, verdict >= CLEARS, reach, skipped)
+
+
+def usable_beams(
+    scans: Sequence[Measurement], sensor: RangingSensor, resolution: float = np.inf
+) -> tuple[Beams, int, Counter[str]]:
+    """The beams of some scans that carry information for the forward model.
+
+    +Inf is a no-return. So is a finite reading of a cone at or above range_max: should it be a
+    fault, `p_dropout` is there for it. A narrow beam's reaches past all that was ever seen there,
+    and counts only where `clear_range` is set, whatever its length, as in the filter.
+
+    Args:
+        scans: measurements of one dimension; depth images are taken as beams.
+        sensor: says which readings count.
+        resolution: side of a cell [m]: a scan is skipped where its pose is 2^45 cells or more from
+            the map's origin; by default none is.
+
+    Returns:
+        Beams, of finite range or +Inf; how many scans have any; what was skipped, by reason.
+
+    Raises:
+        InputError: 2D and 3D scans are mixed, or a scan is not of ranges.
+    """
+    taken = ranges_of(scans)
+    beams, skipped = Beams.from_scans(taken)
+    limit = MAX_COORDINATE * resolution
+    here = np.abs(beams.origins).max(axis=1, initial=0.0) < limit
+    verdicts = judge_readings(beams.ranges[here], sensor.forward_limits)
+    used = here.copy()
+    used[here] = verdicts.used
+    finite = [scan for scan in taken if scan.map_from_sensor.is_finite]
+    whose = np.repeat(np.arange(len(finite)), [scan.size for scan in finite])
+    scan_count = len(np.unique(whose[used]))
+    near = sum(bool(np.abs(s.map_from_sensor.translation).max() < limit) for s in finite)
+    skipped += verdicts.skipped
+    skipped["scan.pose_too_far"] = len(finite) - near
+    skipped["scan.empty"] = near - scan_count
+    ranges = verdicts.reach[verdicts.used]
+    return Beams(beams.origins[used], beams.directions[used], ranges), scan_count, +skipped
