@@ -57,6 +57,7 @@ def add_beams(
     tips = np.array([tip for _, tip, _ in beams], np.float64).reshape(-1, 2)
     segments = Segments(
         origins=np.array([origin]) * evidence.resolution,
+        bundles=np.array([0, 1]),
         offsets=np.array([0, len(beams)]),
         ends=ends * evidence.resolution,
         tips=tips * evidence.resolution,

@@ -44,6 +44,7 @@ def add_rays(
     tips = np.array([tip for _, tip, _ in beams], np.float64).reshape(-1, 3)
     segments = Segments(
         origins=np.array([origin], np.float64) * evidence.resolution,
+        bundles=np.array([0, 1]),
         offsets=np.array([0, len(beams)]),
         ends=ends * evidence.resolution,
         tips=tips * evidence.resolution,

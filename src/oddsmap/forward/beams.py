@@ -94,7 +94,12 @@ class Beams:
         usable = [scan for scan in scans if scan.map_from_sensor.is_finite]
         d = scans[0].directions.shape[1]
         poses = [(scan.map_from_sensor, scan) for scan in usable]
-        origins = [np.tile(p.translation, (s.size, 1)) for p, s in poses]
+        origins = [
+            np.tile(p.translation, (s.size, 1))
+            if s.beam_origins is None
+            else p.transform(s.beam_origins)
+            for p, s in poses
+        ]
         with np.errstate(invalid="ignore"):  # directions that are no numbers
             turned = [s.directions @ p.rotation.T for p, s in poses]
         axes = np.concatenate([np.empty((0, d)), *turned])

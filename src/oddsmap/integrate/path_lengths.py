@@ -65,22 +65,22 @@ class LengthIntegrator:
     def add(self, scans: ScanCells, scale: int) -> None:
         """Add a batch of scans that weigh scale / 65536 each."""
         window = self._window
-        for scan in range(len(scans.origins)):
-            ends = scans.ends[scans.offsets[scan] : scans.offsets[scan + 1]]
-            origin = scans.origins[scan]
-            self._make_room(origin, ends)
-            tiles_lo = scans.tiles_lo[scan]
+        for scan, tiles_lo in enumerate(scans.tiles_lo):
             shape = scans.tiles_hi[scan] - tiles_lo
             lo, strides = window.open(tiles_lo, shape)
-            first = 0
-            while first >= 0:
-                first = gather_lengths(
-                    origin, ends, first, lo, window.tiles.side, strides,
-                    self._cells, self._left, self._units, self._nothing,
-                    window.table, window.used, window.weights,
-                )  # fmt: skip
-                if first >= 0:
-                    window.grow()
+            for bundle in range(scans.bundles[scan], scans.bundles[scan + 1]):
+                ends = scans.ends[scans.offsets[bundle] : scans.offsets[bundle + 1]]
+                origin = scans.origins[bundle]
+                self._make_room(origin, ends)
+                first = 0
+                while first >= 0:
+                    first = gather_lengths(
+                        origin, ends, first, lo, window.tiles.side, strides,
+                        self._cells, self._left, self._units, self._nothing,
+                        window.table, window.used, window.weights,
+                    )  # fmt: skip
+                    if first >= 0:
+                        window.grow()
             window.apply(tiles_lo, shape, scale)
 
     def _make_room(self, origin: npt.NDArray[np.float64], ends: npt.NDArray[np.float64]) -> None:

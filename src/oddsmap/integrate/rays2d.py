@@ -101,11 +101,11 @@ class Integrator2D:
         arrays, too_far = self._in_cells(segments)
         if too_far:
             skipped["scan.pose_too_far"] += too_far
-        if len(arrays.origins):
+        if len(arrays.tiles_lo):
             self._integrate(arrays)
             if self._lengths is not None:
                 self._lengths.add(arrays, self.scale)
-        return len(arrays.origins), len(arrays.hit), skipped
+        return len(arrays.tiles_lo), len(arrays.hit), skipped
 
     def _in_cells(self, segments: Segments) -> tuple[ScanCells, int]:
         return to_cells(segments, self._resolution, self.tiles.side, _MAX_SCAN_CELLS)

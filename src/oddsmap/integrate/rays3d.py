@@ -21,7 +21,14 @@ from oddsmap.kernels.trace.rays3d import COLUMNS, RAYS
 from oddsmap.kernels.units import ONE
 from oddsmap.kernels.vote.cell_votes import apply_counts
 from oddsmap.kernels.vote.counts3d import count_scan
-from oddsmap.kernels.vote.rays3d import BIN_COUNT, SLABS, apply_marks, mark_scan, sort_rays
+from oddsmap.kernels.vote.rays3d import (
+    BIN_COUNT,
+    SLABS,
+    apply_marks,
+    mark_hits,
+    mark_passes,
+    sort_rays,
+)
 from oddsmap.limits import memory_limit
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import RaySensor
@@ -101,11 +108,11 @@ class Integrator3D:
         cells, too_far = to_cells(segments, self._resolution, self.tiles.side, self._most_cells)
         if too_far:
             skipped["scan.pose_too_far"] += too_far
-        for scan in range(len(cells.origins)):
+        for scan in range(len(cells.tiles_lo)):
             self._integrate(cells, scan)
         if self._lengths is not None:
             self._lengths.add(cells, self.scale)
-        return len(cells.origins), len(cells.hit), skipped
+        return len(cells.tiles_lo), len(cells.hit), skipped
 
     def _integrate(self, scans: ScanCells, scan: int) -> None:
         tiles_lo = scans.tiles_lo[scan]
@@ -150,37 +157,47 @@ class Integrator3D:
             )
 
     def _mark(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
-        part = slice(int(scans.offsets[scan]), int(scans.offsets[scan + 1]))
-        origin, ends, hit = scans.origins[scan], scans.ends[part], scans.hit[part]
+        lo, strides = scans.tiles_lo[scan] << self._bits, _strides(shape)
         buffer = self._ray_buffer(shape, SLABS)
-        bins = np.empty(len(ends), np.int32)
-        sort_rays(origin, ends, bins, self._spans)
-        self._done[:] = 0
-        first = 0
-        while first >= 0:
-            first = mark_scan(
-                origin, ends, hit, scans.tiles_lo[scan] << self._bits, self._bits,
-                _strides(shape), bins, self._spans, self._done, self._rays, buffer,
-                self._table, self._used, self._marks, first,
-            )  # fmt: skip
-            if first >= 0:
-                self._grow(3 * buffer.shape[1] + len(ends))
+        bundles = range(scans.bundles[scan], scans.bundles[scan + 1])
+        # All passes first: hits of one bundle go before the passes of another.
+        for bundle in bundles:
+            origin, ends = scans.origins[bundle], scans.ends[_part(scans, bundle)]
+            bins = np.empty(len(ends), np.int32)
+            sort_rays(origin, ends, bins, self._spans)
+            self._done[:] = 0
+            first = 0
+            while first >= 0:
+                first = mark_passes(
+                    origin, ends, lo, self._bits, strides, bins, self._spans, self._done,
+                    self._rays, buffer, self._table, self._used, self._marks, first,
+                )  # fmt: skip
+                if first >= 0:
+                    self._grow(3 * buffer.shape[1] + len(ends))
+        for bundle in bundles:
+            part = _part(scans, bundle)
+            while not mark_hits(
+                scans.ends[part], scans.hit[part], lo, self._bits, strides,
+                self._table, self._used, self._marks,
+            ):  # fmt: skip
+                self._grow(part.stop - part.start)
 
     def _count(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
-        part = slice(int(scans.offsets[scan]), int(scans.offsets[scan + 1]))
         buffer = self._ray_buffer(shape, 0)
-        first = 0
-        while first >= 0:
-            first = count_scan(
-                scans.origins[scan], scans.fades[part], scans.ends[part], scans.tips[part],
-                scans.hit[part],
-                scans.tiles_lo[scan] << self._bits, self._bits, _strides(shape),
-                self._every_beam, self._shape, self._rays, buffer,
-                self._table, self._used, self._weights,
-                self._zone, self._zone_left, self._zone_weights, first,
-            )  # fmt: skip
-            if first >= 0:
-                self._grow(3 * buffer.shape[1] + 2 * len(self._zone))
+        for bundle in range(scans.bundles[scan], scans.bundles[scan + 1]):
+            part = _part(scans, bundle)
+            first = 0
+            while first >= 0:
+                first = count_scan(
+                    scans.origins[bundle], scans.fades[part], scans.ends[part], scans.tips[part],
+                    scans.hit[part],
+                    scans.tiles_lo[scan] << self._bits, self._bits, _strides(shape),
+                    self._every_beam, self._shape, self._rays, buffer,
+                    self._table, self._used, self._weights,
+                    self._zone, self._zone_left, self._zone_weights, first,
+                )  # fmt: skip
+                if first >= 0:
+                    self._grow(3 * buffer.shape[1] + 2 * len(self._zone))
 
     def _ray_buffer(self, shape: npt.NDArray[np.int64], more: int) -> npt.NDArray[np.signedinteger]:
         """Room for the slabs of one ray through a window, and `more`."""
@@ -219,6 +236,11 @@ def _new_table(blocks: int) -> npt.NDArray[np.int32]:
             f"no memory for the {blocks:.1e} blocks around one scan ({4e-9 * blocks:.1f} GB): use "
             "a coarser resolution, or range_max where a reading is too long"
         ) from None
+
+
+def _part(scans: ScanCells, bundle: int) -> slice:
+    """The segments of a bundle."""
+    return slice(int(scans.offsets[bundle]), int(scans.offsets[bundle + 1]))
 
 
 def _strides(shape: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

@@ -64,13 +64,20 @@ def to_cells(
             cell_bounds(points, offsets, resolution, lo, hi, np.zeros_like(way))
     # A margin of one cell: rounding may carry a ray along a border to the cell beside it. (Exact in
     # floats: a tile's index has a bit less for every bit that a place within a tile has.)
+    bundles = segments.bundles
+    beams = np.diff(offsets)
+    if len(bundles) <= len(origins):  # a scan of several bundles has one window for all
+        begin = bundles[:-1]
+        lo, hi = np.minimum.reduceat(lo, begin), np.maximum.reduceat(hi, begin)
+        way, beams = np.add.reduceat(way, begin), np.add.reduceat(beams, begin)
     first, past = np.floor((np.floor(lo) - 1) / side), np.floor((np.floor(hi) + 1) / side) + 1
     if len(origins):
-        check_size(np.diff(offsets), way, (past - first) * side, resolution, side, max_window)
+        check_size(beams, way, (past - first) * side, resolution, side, max_window)
     tiles_lo, tiles_hi = first.astype(np.int64), past.astype(np.int64)
     return (
         ScanCells(
             origins,
+            bundles,
             offsets,
             segments.ends,
             segments.tips,
@@ -127,15 +134,20 @@ def _without_far(segments: Segments, limit: float) -> tuple[Segments, int]:
     near = np.abs(segments.origins).max(axis=1, initial=0.0) < limit
     if near.all():
         return segments, 0
+    # A scan is near where all of its bundles are.
+    bundles = np.diff(segments.bundles)
+    near_scans = np.logical_and.reduceat(near, segments.bundles[:-1])
+    near = np.repeat(near_scans, bundles)
     lengths = np.diff(segments.offsets)
     beams = np.repeat(near, lengths)
     ends = segments.ends[beams]
     kept = Segments(
         origins=segments.origins[near],
+        bundles=np.concatenate([[0], np.cumsum(bundles[near_scans])]),
         offsets=np.concatenate([[0], np.cumsum(lengths[near])]),
         ends=ends,
         tips=ends if segments.tips is segments.ends else segments.tips[beams],
         fades=ends if segments.fades is segments.ends else segments.fades[beams],
         hit=segments.hit[beams],
     )
-    return kept, int(np.count_nonzero(~near))
+    return kept, int(np.count_nonzero(~near_scans))

@@ -242,6 +242,11 @@ class ConeSensor:
         if len({scan.directions.shape[1] for scan in finite}) > 1:
             raise InputError("scans of the plane and of space cannot go into one map")
         d = finite[0].directions.shape[1] if finite else 2
+        if any(scan.beam_origins is not None for scan in finite):
+            raise InputError(
+                "a scan has beam_origins, which are for narrow beams: give each cone a scan of its "
+                "own, with its own pose"
+            )
         refuse_filters_in_2d(d, beam.heights, beam.body)
         limit = MAX_COORDINATE * resolution
         near = [s for s in finite if np.abs(s.map_from_sensor.translation).max() < limit]

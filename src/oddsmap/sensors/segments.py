@@ -5,16 +5,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.array_types import FloatArray
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.scans.measurement import Measurement, ranges_of
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.inverse_model import HitShape
 
 if TYPE_CHECKING:
@@ -27,9 +29,12 @@ __all__ = ["Segments", "cut_scans", "refuse_filters_in_2d"]
 class Segments:
     """What the beams of some scans say, as segments in the map frame [m].
 
+    A bundle is what is seen from one place: a scan is one, or several where it has `beam_origins`.
+
     Args:
-        origins: sensor positions, shape (scans, d).
-        offsets: first segment of each scan, and the end, shape (scans + 1,).
+        origins: where each bundle starts, shape (bundles, d).
+        bundles: first bundle of each scan, and the end, shape (scans + 1,).
+        offsets: first segment of each bundle, and the end, shape (bundles + 1,).
         ends: where the free part of each segment ends, shape (m, d).
         tips: where its occupied part ends, shape (m, d).
         fades: where passes begin to fade, shape (m, d); `ends` where they do not.
@@ -37,7 +42,8 @@ class Segments:
     """
 
     origins: FloatArray
-    offsets: npt.NDArray[np.int64]
+    bundles: IntArray
+    offsets: IntArray
     ends: FloatArray
     tips: FloatArray
     fades: FloatArray
@@ -70,26 +76,29 @@ def cut_scans(
         raise InputError("scans of the plane and of space cannot go into one map")
     d = finite[0].directions.shape[1] if finite else 2
     refuse_filters_in_2d(d, heights, body)
-    starts = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in finite])])
+    bundles = [bundle for scan in finite for bundle in _bundles_of(scan)]
+    per_scan = np.array([_bundle_count(scan) for scan in finite], np.int64)
+    starts = np.concatenate([[0], np.cumsum([len(bundle.ranges) for bundle in bundles])])
     starts = starts.astype(np.int64)
-    shared = all(scan.directions is finite[0].directions for scan in finite)
+    shared = all(bundle.directions is bundles[0].directions for bundle in bundles)
     none = np.empty((0, d))
-    directions = [scan.directions for scan in (finite[:1] if shared else finite)]
-    origins = np.array([scan.map_from_sensor.translation for scan in finite]).reshape(-1, d)
+    directions = [bundle.directions for bundle in (bundles[:1] if shared else bundles)]
+    origins = np.array([bundle.origin for bundle in bundles]).reshape(-1, d)
     counts = np.zeros(5, np.int64)
     ends = np.empty((starts[-1], d))
     half_width = shape.half_width
     tips = np.empty_like(ends) if half_width > 0 else ends
     fades = np.empty_like(ends) if shape.fade > 0 else ends
     hit = np.empty(len(ends), np.bool_)
-    offsets = np.empty(len(finite) + 1, np.int64)
+    offsets = np.empty(len(bundles) + 1, np.int64)
     cut_beams(
-        _joined([scan.ranges for scan in finite], np.empty(0)),
+        _joined([bundle.ranges for bundle in bundles], np.empty(0)),
         _joined(directions, none),
         shared,
         starts,
         origins,
-        np.array([scan.map_from_sensor.rotation for scan in finite]).reshape(-1, d, d),
+        np.array([bundle.rotation for bundle in bundles]).reshape(-1, d, d),
+        np.array([bundle.shift for bundle in bundles]).reshape(-1, d),
         limits,
         half_width,
         float(shape.fade),
@@ -103,11 +112,14 @@ def cut_scans(
         counts,
     )
     kept = np.diff(offsets) > 0
+    whose = np.repeat(np.arange(len(finite)), per_scan)
+    kept_of_scans = np.bincount(whose[kept], minlength=len(finite))
+    kept_of_scans = kept_of_scans[kept_of_scans > 0]
     used = int(offsets[-1])
     skipped = Counter(
         {
             "scan.nan_pose": len(scans) - len(finite),
-            "scan.empty": len(finite) - int(np.count_nonzero(kept)),
+            "scan.empty": len(finite) - len(kept_of_scans),
             "beam.nan": int(counts[NAN]),
             "beam.below_range_min": int(counts[BELOW]),
             "beam.no_return": int(counts[LOST]),
@@ -118,6 +130,7 @@ def cut_scans(
     ends = ends[:used]
     segments = Segments(
         origins=origins[kept],
+        bundles=np.concatenate([[0], np.cumsum(kept_of_scans)]).astype(np.int64),
         offsets=offsets[np.concatenate([[True], kept])],
         ends=ends,
         tips=tips[:used] if half_width > 0 else ends,
@@ -125,6 +138,43 @@ def cut_scans(
         hit=hit[:used],
     )
     return segments, +skipped
+
+
+class _Bundle(NamedTuple):
+    """Beams of a scan that start in one place."""
+
+    origin: FloatArray
+    """In the map frame [m], shape (d,)."""
+    rotation: FloatArray
+    """map_from_sensor, shape (d, d)."""
+    shift: FloatArray
+    """The same place in the sensor frame [m], shape (d,)."""
+    directions: FloatArray
+    ranges: FloatArray
+
+
+def _bundles_of(scan: Scan) -> Iterator[_Bundle]:
+    pose, places = scan.map_from_sensor, scan.beam_origins
+    if places is None:
+        shift = np.zeros(scan.directions.shape[1])
+        yield _Bundle(pose.translation, pose.rotation, shift, scan.directions, scan.ranges)
+        return
+    origins = pose.transform(places)
+    for first, end in pairwise(_runs(places)):
+        part = slice(first, end)
+        yield _Bundle(
+            origins[first], pose.rotation, places[first], scan.directions[part], scan.ranges[part]
+        )
+
+
+def _bundle_count(scan: Scan) -> int:
+    return 1 if scan.beam_origins is None else len(_runs(scan.beam_origins)) - 1
+
+
+def _runs(places: FloatArray) -> list[int]:
+    """Where runs of equal places begin, and the end."""
+    moved = np.flatnonzero((places[1:] != places[:-1]).any(axis=1)) + 1
+    return [0, *moved.tolist(), len(places)] if len(places) else [0]
 
 
 def refuse_filters_in_2d(d: int, heights: tuple[float, float], body: FloatArray) -> None:

@@ -161,6 +161,7 @@ def lengths_of(origin: Point, ends: list[Point]) -> dict[Cell, int]:
     points = np.array(ends, np.float64)
     segments = Segments(
         origins=np.array([origin]),
+        bundles=np.array([0, 1]),
         offsets=np.array([0, len(points)]),
         ends=points,
         tips=points,

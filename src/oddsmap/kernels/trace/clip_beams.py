@@ -27,12 +27,17 @@ IntArray = npt.NDArray[np.int64]
 
 
 class ScanCells(NamedTuple):
-    """A batch of scans of m segments in all, coordinates in cells (position / resolution)."""
+    """A batch of scans of m segments in all, coordinates in cells (position / resolution).
+
+    A scan is one bundle of segments, or several that start in different places.
+    """
 
     origins: FloatArray
-    """Sensor positions, shape (scans, d)."""
+    """Where each bundle starts, shape (bundles, d)."""
+    bundles: IntArray
+    """First bundle of each scan and the end, shape (scans + 1,)."""
     offsets: IntArray
-    """First segment of each scan and the end, shape (scans + 1,)."""
+    """First segment of each bundle and the end, shape (bundles + 1,)."""
     ends: FloatArray
     """Where the free part of each segment ends, shape (m, d): its cell gets no pass."""
     tips: FloatArray
@@ -55,6 +60,7 @@ def cut_beams(
     starts: npt.NDArray[np.int64],
     origins: FloatArray,
     rotations: FloatArray,
+    shifts: FloatArray,
     limits: Limits,
     half_width: float,
     fade: float,
@@ -71,11 +77,12 @@ def cut_beams(
 
     Args:
         ranges: all readings [m], shape (n,).
-        directions: unit vectors in the sensor frame, shape (n, d), or one scan's if `shared`.
-        shared: True where every scan has the same directions.
-        starts: first beam of each scan and the end, shape (scans + 1,).
-        origins: sensor positions [m], shape (scans, d).
-        rotations: map_from_sensor, shape (scans, d, d).
+        directions: unit vectors in the sensor frame, shape (n, d), or one bundle's if `shared`.
+        shared: True where every bundle has the same directions.
+        starts: first beam of each bundle and the end, shape (bundles + 1,).
+        origins: where bundles start [m], shape (bundles, d).
+        rotations: map_from_sensor, shape (bundles, d, d).
+        shifts: where bundles start in the sensor frame [m], shape (bundles, d).
         limits: see `judge`.
         half_width: half the length of the occupied region [m].
         fade: the way before that region over which passes fade [m].
@@ -86,7 +93,7 @@ def cut_beams(
         tips: where the occupied part ends; may be `ends` itself where half_width is 0.
         fades: where passes begin to fade; may be `ends` itself where fade is 0.
         hit: False where the beam only clears, shape (n,).
-        offsets: first usable beam of each scan and the end, shape (scans + 1,).
+        offsets: first usable beam of each bundle and the end, shape (bundles + 1,).
         skipped: counts by NAN, BELOW, LOST, HEIGHT, BODY, added to.
     """
     # Scalars for three axes, the third of which rests in the plane: loops over axes of a length
@@ -96,13 +103,14 @@ def cut_beams(
     offsets[0] = 0
     ox, oy, oz = 0.0, 0.0, 0.0
     xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
-    dz = 0.0
+    dz, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     for scan in range(origins.shape[0]):
         ox, oy = origins[scan, 0], origins[scan, 1]
         xx, xy = rotations[scan, 0, 0], rotations[scan, 0, 1]
         yx, yy = rotations[scan, 1, 0], rotations[scan, 1, 1]
         if space:
             oz = origins[scan, 2]
+            sx, sy, sz = shifts[scan, 0], shifts[scan, 1], shifts[scan, 2]
             xz, yz = rotations[scan, 0, 2], rotations[scan, 1, 2]
             zx, zy, zz = rotations[scan, 2, 0], rotations[scan, 2, 1], rotations[scan, 2, 2]
         start = starts[scan] if shared else 0
@@ -139,7 +147,7 @@ def cut_beams(
             if space and seen:
                 # Filters say what may mark, never what may clear.
                 z = oz + rz * reach
-                bx, by, bz = dx * reach, dy * reach, dz * reach
+                bx, by, bz = sx + dx * reach, sy + dy * reach, sz + dz * reach
                 if (
                     body[0, 0] <= bx <= body[1, 0]
                     and body[0, 1] <= by <= body[1, 1]
@@ -164,16 +172,16 @@ def cell_bounds(
     hi: FloatArray,
     way: FloatArray,
 ) -> None:
-    """Turn points [m] into cells, in place, and measure each scan.
+    """Turn points [m] into cells, in place, and measure each bundle.
 
     Args:
         points: shape (m, d), changed from metres to cells.
-        offsets: first point of each scan and the end, shape (scans + 1,).
+        offsets: first point of each bundle and the end, shape (bundles + 1,).
         resolution: side of a cell [m].
-        lo: the box of each scan, shape (scans, d), widened by its points [cells].
+        lo: the box of each bundle, shape (bundles, d), widened by its points [cells].
         hi: likewise.
-        way: sum over a scan's points of their distance along the axes from the first `lo`
-            (the sensor) [cells], shape (scans,): bounds how many cells are passed.
+        way: sum over a bundle's points of their distance along the axes from the first `lo`
+            (the sensor) [cells], shape (bundles,): bounds how many cells are passed.
     """
     space = points.shape[1] == 3
     z0, z1, sz = 0.0, 0.0, 0.0

@@ -63,10 +63,10 @@ class Room(NamedTuple):
 
 
 @borrowing
-def _describe(scans: ScanCells, scan: int, table: npt.NDArray[np.int64]) -> None:
-    ox, oy = scans.origins[scan]
-    first = scans.offsets[scan]
-    for i in range(first, scans.offsets[scan + 1]):
+def _describe(scans: ScanCells, bundle: int, table: npt.NDArray[np.int64]) -> None:
+    ox, oy = scans.origins[bundle]
+    first = scans.offsets[bundle]
+    for i in range(first, scans.offsets[bundle + 1]):
         set_up(ox, oy, scans.fades[i, 0], scans.fades[i, 1], table, i - first)
 
 
@@ -74,15 +74,17 @@ def _describe(scans: ScanCells, scan: int, table: npt.NDArray[np.int64]) -> None
 def _window_box(
     scans: ScanCells,
     scan: int,
+    bundle: int,
     block: tuple[int, int],
     block_tiles: int,
     side: int,
     box: npt.NDArray[np.int64],
 ) -> bool:
-    # Box of one block of the scan's window, relative to the sensor's cell; True if it is not all.
+    # Box of one block of the scan's window, relative to the bundle's first cell; True if it is not
+    # all.
     clipped = False
     for axis in range(2):
-        cell = np.int64(math.floor(scans.origins[scan, axis]))
+        cell = np.int64(math.floor(scans.origins[bundle, axis]))
         lo = scans.tiles_lo[scan, axis] + block[axis] * block_tiles
         hi = min(lo + block_tiles, scans.tiles_hi[scan, axis])
         clipped |= lo > scans.tiles_lo[scan, axis] or hi < scans.tiles_hi[scan, axis]
@@ -116,24 +118,33 @@ def mark_votes(
         The scan to go on with, and DONE, FULL or OVERFLOW.
     """
     table, buffer, box, key = room.table, room.buffer, room.box, room.key
-    for scan in range(first, scans.origins.shape[0]):
-        begin, end = scans.offsets[scan], scans.offsets[scan + 1]
+    for scan in range(first, scans.tiles_lo.shape[0]):
+        begin, end = scans.bundles[scan], scans.bundles[scan + 1]
         across = scans.tiles_hi[scan, 0] - scans.tiles_lo[scan, 0]
         up = scans.tiles_hi[scan, 1] - scans.tiles_lo[scan, 1]
         if not has_room(tiles, across * up, False):
             return scan, FULL
-        _describe(scans, scan, table)
+        _describe(scans, begin, table)
         for block_y in range((up + block_tiles - 1) // block_tiles):
             for block_x in range((across + block_tiles - 1) // block_tiles):
-                clipped = _window_box(scans, scan, (block_x, block_y), block_tiles, side, box)
-                stride = box[1] - box[0] + 2
-                _mark_passes(table, end - begin, box, clipped, stride, window, buffer)
-                _mark_hits(scans, scan, box, stride, window)
+                block = block_x, block_y
+                stride = 0
+                # All passes first: hits of one bundle go before the passes of another.
+                for bundle in range(begin, end):
+                    if end - begin > 1:
+                        _describe(scans, bundle, table)
+                    clipped = _window_box(scans, scan, bundle, block, block_tiles, side, box)
+                    stride = box[1] - box[0] + 2
+                    count = scans.offsets[bundle + 1] - scans.offsets[bundle]
+                    _mark_passes(table, count, box, clipped, stride, window, buffer)
+                for bundle in range(begin, end):
+                    _window_box(scans, scan, bundle, block, block_tiles, side, box)
+                    _mark_hits(scans, bundle, box, stride, window)
                 key[0] = scans.tiles_lo[scan, 0] + block_x * block_tiles
                 key[1] = scans.tiles_lo[scan, 1] + block_y * block_tiles
                 if not _apply_marks(tiles, side, window, stride, room):
                     return scan, OVERFLOW
-    return scans.origins.shape[0], DONE
+    return scans.tiles_lo.shape[0], DONE
 
 
 @borrowing
@@ -173,14 +184,14 @@ def _mark(buffer: npt.NDArray[np.int32], slabs: int, window: npt.NDArray[np.uint
 @borrowing
 def _mark_hits(
     scans: ScanCells,
-    scan: int,
+    bundle: int,
     box: npt.NDArray[np.int64],
     stride: int,
     window: npt.NDArray[np.uint8],
 ) -> None:
-    x_cell = np.int64(math.floor(scans.origins[scan, 0]))
-    y_cell = np.int64(math.floor(scans.origins[scan, 1]))
-    for i in range(scans.offsets[scan], scans.offsets[scan + 1]):
+    x_cell = np.int64(math.floor(scans.origins[bundle, 0]))
+    y_cell = np.int64(math.floor(scans.origins[bundle, 1]))
+    for i in range(scans.offsets[bundle], scans.offsets[bundle + 1]):
         if scans.hit[i]:
             x = np.int64(math.floor(scans.ends[i, 0])) - x_cell
             y = np.int64(math.floor(scans.ends[i, 1])) - y_cell
@@ -288,41 +299,60 @@ def count_votes(
         The scan to go on with, and DONE, FULL or OVERFLOW.
     """
     table, buffer, box, key = room.table, room.buffer, room.box, room.key
-    for scan in range(first, scans.origins.shape[0]):
-        begin, end = scans.offsets[scan], scans.offsets[scan + 1]
+    for scan in range(first, scans.tiles_lo.shape[0]):
+        begin, end = scans.bundles[scan], scans.bundles[scan + 1]
         across = scans.tiles_hi[scan, 0] - scans.tiles_lo[scan, 0]
         up = scans.tiles_hi[scan, 1] - scans.tiles_lo[scan, 1]
         if not has_room(tiles, across * up, True):
             return scan, FULL
-        hits, passes = window[HITS], window[PASSES]
-        _describe(scans, scan, table)
+        _describe(scans, begin, table)
         for block_y in range((up + block_tiles - 1) // block_tiles):
             for block_x in range((across + block_tiles - 1) // block_tiles):
-                clipped = _window_box(scans, scan, (block_x, block_y), block_tiles, side, box)
-                stride = box[1] - box[0] + 2
-                for i in range(begin, end):
-                    slabs = emit_passes(table, i - begin, 0, box, clipped, stride, buffer, 0)
-                    _count_passes(passes, buffer, slabs, every_beam)
-                    if shape.fade > 0.0:
-                        count = fade_cells(
-                            scans.origins[scan], scans.fades, scans.ends, i, shape.fade,
-                            cells, left, weights,
-                        )  # fmt: skip
-                        _count_cells(
-                            scans.origins[scan], cells, weights, count, box, stride,
-                            passes, every_beam,
-                        )  # fmt: skip
-                    if scans.hit[i]:
-                        count = zone_cells(scans.ends, scans.tips, i, shape, cells, left, weights)
-                        _count_cells(
-                            scans.origins[scan], cells, weights, count, box, stride,
-                            hits, every_beam,
-                        )  # fmt: skip
+                block = block_x, block_y
+                stride = 0
+                for bundle in range(begin, end):
+                    if end - begin > 1:
+                        _describe(scans, bundle, table)
+                    clipped = _window_box(scans, scan, bundle, block, block_tiles, side, box)
+                    stride = box[1] - box[0] + 2
+                    _count_bundle(
+                        scans, bundle, table, box, clipped, stride, window, buffer,
+                        every_beam, shape, cells, left, weights,
+                    )  # fmt: skip
                 key[0] = scans.tiles_lo[scan, 0] + block_x * block_tiles
                 key[1] = scans.tiles_lo[scan, 1] + block_y * block_tiles
                 if not _apply_counts(tiles, side, window, stride, room, every_beam, scale, lost):
                     return scan, OVERFLOW
-    return scans.origins.shape[0], DONE
+    return scans.tiles_lo.shape[0], DONE
+
+
+@borrowing
+def _count_bundle(
+    scans: ScanCells,
+    bundle: int,
+    table: npt.NDArray[np.int64],
+    box: npt.NDArray[np.int64],
+    clipped: bool,
+    stride: int,
+    window: npt.NDArray[np.int64],
+    buffer: npt.NDArray[np.int32],
+    every_beam: bool,
+    shape: BeamShape,
+    cells: npt.NDArray[np.int64],
+    left: npt.NDArray[np.float64],
+    weights: npt.NDArray[np.int64],
+) -> None:
+    hits, passes = window[HITS], window[PASSES]
+    origin, first = scans.origins[bundle], scans.offsets[bundle]
+    for i in range(first, scans.offsets[bundle + 1]):
+        slabs = emit_passes(table, i - first, 0, box, clipped, stride, buffer, 0)
+        _count_passes(passes, buffer, slabs, every_beam)
+        if shape.fade > 0.0:
+            count = fade_cells(origin, scans.fades, scans.ends, i, shape.fade, cells, left, weights)
+            _count_cells(origin, cells, weights, count, box, stride, passes, every_beam)
+        if scans.hit[i]:
+            count = zone_cells(scans.ends, scans.tips, i, shape, cells, left, weights)
+            _count_cells(origin, cells, weights, count, box, stride, hits, every_beam)
 
 
 @inlined

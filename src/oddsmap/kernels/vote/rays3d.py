@@ -19,7 +19,7 @@ from oddsmap.kernels.units import HITS, PASSES
 from oddsmap.kernels.vote.block_table import slot_of
 from oddsmap.kernels.vote.tiles import TileArrays, find_or_insert, make_room_for_vote
 
-__all__ = ["BIN_COUNT", "SLABS", "apply_marks", "mark_scan", "sort_rays"]
+__all__ = ["BIN_COUNT", "SLABS", "apply_marks", "mark_hits", "mark_passes", "sort_rays"]
 
 FREE, OCCUPIED = 1, 2
 
@@ -108,7 +108,7 @@ BIN_TREE = _bin_tree()
 
 
 @borrowing
-def _mark_hits(
+def mark_hits(
     ends: FloatArray,
     hit: npt.NDArray[np.bool_],
     lo: IntArray,
@@ -117,7 +117,16 @@ def _mark_hits(
     table: npt.NDArray[np.int32],
     used: IntArray,
     marks: Marks,
-) -> None:
+) -> bool:
+    """Mark the cells that rays end in, once all passes of a scan are marked.
+
+    Arguments as in `mark_passes`.
+
+    Returns:
+        False: nothing was done, there must be room for more blocks in `used` and `marks`.
+    """
+    if used[0] + ends.shape[0] > used.shape[0] - 1:
+        return False
     shift = 3 * bits
     mask = (1 << bits) - 1
     for i in range(ends.shape[0]):
@@ -130,6 +139,7 @@ def _mark_hits(
             place += (cell & mask) << (bits * axis)
         slot = np.int64(slot_of(np.uint64(block), table, used))
         marks[(slot << shift) + place] = OCCUPIED
+    return True
 
 
 @inlined
@@ -150,10 +160,9 @@ def _mark_passes(
 
 
 @borrowing
-def mark_scan(
+def mark_passes(
     origin: FloatArray,
     ends: FloatArray,
-    hit: npt.NDArray[np.bool_],
     lo: IntArray,
     bits: int,
     blocks: IntArray,
@@ -167,12 +176,11 @@ def mark_scan(
     marks: Marks,
     first: int,
 ) -> int:
-    """Mark the cells that the rays of one scan pass and hit, hits before passes.
+    """Mark the cells that the rays of one bundle pass.
 
     Args:
         origin: start point [cells], shape (3,).
         ends: end points [cells], shape (n, 3).
-        hit: False where a ray only clears, shape (n,).
         lo: first cell of the window, a multiple of the block's side.
         bits: log2 of the side of a block.
         blocks: strides of the window's blocks: 1, blocks along x, blocks along x and y.
@@ -217,9 +225,6 @@ def mark_scan(
                 _mark_passes(buffer, slabs, np.uint64(3 * bits), table, used, marks)
         if before > first and begin in LAST_OF_ROUND:
             _advance(origin, lo, bits, blocks, spans, done, table, marks)
-    if used[0] + count > room:
-        return count
-    _mark_hits(ends, hit, lo, bits, blocks, table, used, marks)
     return -1
 
 
@@ -323,9 +328,9 @@ def apply_marks(
         first_tile: tile coordinates of the window's first block, shape (3,).
         across: blocks of the window along x.
         up: blocks of the window along y.
-        table: see `mark_scan`; zeros again afterwards, as are `used[0]` and `marks`.
-        used: see `mark_scan`.
-        marks: see `mark_scan`.
+        table: see `mark_passes`; zeros again afterwards, as are `used[0]` and `marks`.
+        used: see `mark_passes`.
+        marks: see `mark_passes`.
     """
     key = np.empty(3, np.int64)
     cells = tiles.narrow.shape[2]
