@@ -71,6 +71,132 @@ def test_this_test_sees_imports() -> None:
     assert imports(tree, lazy=True, typing=True) == {"a.b", "c.d", "e", "f", "j", "h.i"}
 
 
+# Top floor first: a room imports from the floors below it alone, at any time: when it is loaded, in
+# a function, or for type checkers. CONTRIBUTING.md says what each room holds.
+FLOORS = (
+    ("__main__",),
+    ("cli",),
+    ("__init__",),
+    ("scoring",),
+    ("evidence_map",),
+    ("full_map",),
+    ("projection",),
+    ("integrate",),
+    ("posterior",),
+    ("evidence",),
+    ("config",),
+    ("landmarks",),
+    ("sensors",),
+    ("forward",),
+    ("plot",),
+    ("simulate",),
+    ("readers",),
+    ("maps",),
+    ("map_files",),
+    ("scans",),
+    ("poses",),
+    ("atomic_write", "limits", "odds", "warm_up"),
+    ("array_types", "errors", "version"),
+    ("kernels",),
+)
+FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+KERNEL_FLOORS = (("vote", "infer"), ("trace", "octree"), ("units", "jit"))
+KERNEL_FLOOR_OF = {room: floor for floor, rooms in enumerate(KERNEL_FLOORS) for room in rooms}
+
+
+def edges() -> dict[str, set[str]]:
+    """Modules of the package that each module imports, at any time."""
+    graph: dict[str, set[str]] = {}
+    for module, file in SOURCES.items():
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        names = {n for n in imports(tree, lazy=True, typing=True) if within(n, "oddsmap")}
+        # `from oddsmap.scans.log import Log` is of oddsmap.scans.log, the longest that is a module.
+        graph[module] = {
+            next(
+                candidate
+                for end in range(len(name.split(".")), 0, -1)
+                if (candidate := ".".join(name.split(".")[:end])) in SOURCES
+            )
+            for name in names
+        }
+    return graph
+
+
+def arrows(graph: dict[str, set[str]], prefix: str, floor_of: dict[str, int]) -> list[str]:
+    """Imports that do not go down, each in words."""
+    found = []
+    for module, targets in graph.items():
+        for target in targets:
+            if not (module.startswith(prefix) and target.startswith(prefix)):
+                continue
+            here, there = (
+                name[len(prefix) :].split(".")[0] or "__init__" for name in (module, target)
+            )
+            if here != there and floor_of[here] >= floor_of[there]:
+                found.append(f"{module} imports {target}, but {there} does not lie below {here}")
+    return sorted(found)
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Groups of modules that import each other, directly or not (Tarjan's components)."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(module: str) -> None:
+        order[module] = low[module] = len(order)
+        stack.append(module)
+        for target in sorted(graph[module]):
+            if target not in order:
+                visit(target)
+                low[module] = min(low[module], low[target])
+            elif target in stack:
+                low[module] = min(low[module], order[target])
+        if low[module] == order[module]:
+            group = stack[stack.index(module) :]
+            del stack[len(stack) - len(group) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for module in sorted(graph):
+        if module not in order:
+            visit(module)
+    return found
+
+
+def with_root(graph: dict[str, set[str]]) -> dict[str, set[str]]:
+    """The same with names that all have a room: the package itself is its `__init__`."""
+    named = {name: "oddsmap.__init__" if name == "oddsmap" else name for name in graph}
+    return {named[name]: {named[target] for target in graph[name]} for name in graph}
+
+
+def test_this_test_sees_arrows_and_circles() -> None:
+    graph = {"p.a.x": {"p.b.y"}, "p.b.y": {"p.a.z"}, "p.a.z": {"p.a.x"}}
+    assert arrows(graph, "p.", {"a": 0, "b": 1}) == [
+        "p.b.y imports p.a.z, but a does not lie below b"
+    ]
+    assert circles(graph) == [["p.a.x", "p.a.z", "p.b.y"]]
+    assert circles({"a": {"b"}, "b": set()}) == []
+
+
+def test_every_room_has_a_floor() -> None:
+    rooms = {name.split(".")[1] for name in with_root({name: set() for name in SOURCES})}
+    assert rooms == set(FLOOR_OF), "name a new room in FLOORS, and in CONTRIBUTING.md"
+    kernels = {name.split(".")[2] for name in modules("oddsmap.kernels") if name.count(".") > 1}
+    assert kernels == set(KERNEL_FLOOR_OF)
+
+
+def test_a_room_imports_only_rooms_below_it() -> None:
+    graph = with_root(edges())
+    assert arrows(graph, "oddsmap.", FLOOR_OF) == []
+    assert arrows(edges(), "oddsmap.kernels.", KERNEL_FLOOR_OF) == []
+
+
+def test_no_modules_import_each_other() -> None:
+    assert circles(edges()) == []
+
+
 @pytest.mark.parametrize("module", modules("oddsmap.kernels"))
 def test_kernels_import_numpy_and_their_compiler(module: str) -> None:
     for name in of(module, lazy=True):
@@ -78,43 +204,12 @@ def test_kernels_import_numpy_and_their_compiler(module: str) -> None:
         assert top in STDLIB | {"numpy", "numba"} or within(name, "oddsmap.kernels"), name
 
 
-@pytest.mark.parametrize(
-    "module", ["oddsmap.evidence.evidence", "oddsmap.evidence.tiles", "oddsmap.evidence.store"]
-)
-def test_evidence_knows_no_reader(module: str) -> None:
-    for name in of(module, lazy=True):
-        for other in ("readers", "simulate", "cli", "export", "plot"):
-            assert not within(name, f"oddsmap.{other}"), name
-
-
-@pytest.mark.parametrize("module", modules("oddsmap.readers"))
-def test_readers_know_no_map(module: str) -> None:
-    for name in of(module, lazy=True):
-        for other in ("evidence", "tiles", "store", "integrate", "posterior", "kernels", "cli"):
-            assert not within(name, f"oddsmap.{other}"), name
-
-
-@pytest.mark.parametrize("module", modules("oddsmap.sensors"))
-def test_sensors_know_no_map(module: str) -> None:
-    for name in of(module, lazy=True):
-        for other in ("evidence", "tiles", "store", "integrate", "posterior", "readers"):
-            assert not within(name, f"oddsmap.{other}"), name
-
-
-@pytest.mark.parametrize("module", SOURCES)
-def test_the_library_knows_no_command_line(module: str) -> None:
-    if within(module, "oddsmap.cli") or module == "oddsmap.__main__":
-        return
-    for name in of(module, lazy=True):
-        assert not within(name, "oddsmap.cli"), name
-
-
-@pytest.mark.parametrize("module", SOURCES)
-def test_pictures_are_drawn_by_those_who_ask(module: str) -> None:
-    if within(module, "oddsmap.plot"):
-        return
-    for name in of(module, lazy=False):
-        assert not within(name, "oddsmap.plot"), name
+def test_readers_know_no_sensor_and_no_map() -> None:
+    for module in modules("oddsmap.readers"):
+        for name in of(module, lazy=True):
+            assert not any(
+                within(name, f"oddsmap.{room}") for room in ("maps", "map_files", "sensors")
+            ), name
 
 
 @pytest.mark.parametrize("module", SOURCES)
@@ -165,7 +260,7 @@ def test_the_lazy_table_and_the_type_checkers_see_the_same() -> None:
     tree = ast.parse(SOURCES["oddsmap"].read_text(encoding="utf-8"))
     typed = {name for name in imports(tree, lazy=False, typing=True) if within(name, "oddsmap")}
     lazy = {f"oddsmap.{home}.{name}" for name, home in oddsmap._HOME.items()}
-    assert typed == lazy
+    assert typed == lazy | {"oddsmap.version.__version__"}
     assert {name.rsplit(".", 1)[1] for name in lazy} | {"__version__"} == set(oddsmap.__all__)
 
 
