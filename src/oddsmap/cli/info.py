@@ -173,7 +173,7 @@ def _of_octomap(voxels: VoxelMap, path: Path) -> dict[str, Any]:
         f"{size * voxels.resolution:g} m": int(n) for size, n in zip(sizes, counts, strict=True)
     }
     bounds = voxels.bounds()
-    for axis, name in enumerate("xyz" if bounds is not None else ""):
-        assert bounds is not None
-        facts[f"{name} [m]"] = [float(end[axis]) * voxels.resolution for end in bounds]
+    if bounds is not None:
+        for axis, name in enumerate("xyz"):
+            facts[f"{name} [m]"] = [float(end[axis]) * voxels.resolution for end in bounds]
     return facts
