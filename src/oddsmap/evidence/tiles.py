@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -59,6 +60,33 @@ class TileStore:
             narrow=np.zeros((tiles, 2, cells), np.uint8),
             wide=np.zeros((wide, 2, cells), np.int64),
         )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What pickle and copy take: the rows in use, without the room to grow and the table."""
+        used, used_wide = self.count, int(self.arrays.counts[WIDE_COUNT])
+        rows = self.arrays
+        return {
+            "ndim": self.ndim,
+            "side": self.side,
+            "counts": rows.counts,
+            "coords": rows.coords[:used],
+            "load": rows.load[:used],
+            "wide_of": rows.wide_of[:used],
+            "narrow": rows.narrow[:used],
+            "wide": rows.wide[:used_wide],
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """The inverse of `__getstate__`; nothing is shared with what was copied."""
+        self.ndim, self.side = state["ndim"], state["side"]
+        self.arrays = self._empty(len(state["coords"]), len(state["wide"]))
+        for name in ("counts", "coords", "load", "wide_of", "narrow", "wide"):
+            getattr(self.arrays, name)[:] = state[name]
+        slots = _LEAST_SLOTS
+        while slots < 2 * self.count:
+            slots *= 2
+        self.arrays = self.arrays._replace(table=np.full(slots, -1, np.int64))
+        rehash(self.arrays)
 
     @property
     def count(self) -> int:
