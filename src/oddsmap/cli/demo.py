@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from oddsmap.cli.options import force_option
+
 __all__ = ["demo"]
 
 _RESOLUTION = 0.05
@@ -18,7 +20,7 @@ def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Where to put the files.")
     ] = Path("oddsmap-demo"),
-    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    force: Annotated[bool, force_option("existing files")] = False,
 ) -> None:
     """Simulate a robot with a 2D LIDAR in an office, write its log, map it, draw the map."""
     import numpy as np

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from oddsmap.cli.options import flag, force_option, json_option
+
 if TYPE_CHECKING:
     from oddsmap.landmarks import LandmarkMap, ObservationTable
 
@@ -27,7 +29,7 @@ bearing, or bearing alone, or dx, dy (in the sensor frame); id and stamp may be 
 observations go to landmarks by a chi-square gate.
 """
 
-# Used where the option is not given, and always reported: [m], [deg], [m].
+# Used where the option is not stated, and always reported: [m], [deg], [m].
 _DEFAULTS = {"sigma_range": 0.1, "sigma_bearing": 1.0, "sigma_xy": 0.1}
 _UNITS = {"sigma_range": "m", "sigma_bearing": "deg", "sigma_xy": "m"}
 _NOISE_OF = {
@@ -60,10 +62,8 @@ def landmarks(
         int | None,
         typer.Option(metavar="N", min=1, help="Observations to be reported; 1, or 3 without id."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the summary as one JSON object.")
-    ] = False,
+    force: Annotated[bool, force_option("an existing file")] = False,
+    as_json: Annotated[bool, json_option("the summary")] = False,
 ) -> None:
     """Map point landmarks: see `HELP`."""
     from oddsmap.atomic_write import check_output
@@ -81,8 +81,8 @@ def landmarks(
     table = read_observations(observations)
     if output.exists() and output.samefile(observations):
         raise ConfigError(f"{output}: is the input; give another name to write to")
-    given = {"sigma_range": sigma_range, "sigma_bearing": sigma_bearing, "sigma_xy": sigma_xy}
-    noise = _noise(table, given)
+    stated = {"sigma_range": sigma_range, "sigma_bearing": sigma_bearing, "sigma_xy": sigma_xy}
+    noise = _noise(table, stated)
     in_radians = {**noise}
     if "sigma_bearing" in noise:
         in_radians["sigma_bearing"] = math.radians(noise["sigma_bearing"])
@@ -103,19 +103,20 @@ def landmarks(
         _say(facts)
 
 
-def _noise(table: ObservationTable, given: dict[str, float | None]) -> dict[str, float]:
+def _noise(table: ObservationTable, stated: dict[str, float | None]) -> dict[str, float]:
     from oddsmap.errors import ConfigError
 
     needs = _NOISE_OF[table.kind]
-    for name, value in given.items():
-        option = f"--{name.replace('_', '-')}"
+    for name, value in stated.items():
         if value is not None and name not in needs:
-            raise ConfigError(f"{option}: {table.path} has {table.kind} observations, without it")
+            raise ConfigError(
+                f"{flag(name)}: {table.path} has {table.kind} observations, without it"
+            )
         if value is not None and not 0.0 < value < math.inf:
-            raise ConfigError(f"{option} {value:g}: a standard deviation is positive")
+            raise ConfigError(f"{flag(name)} {value:g}: a standard deviation is positive")
     noise = {}
     for name in needs:
-        value = given[name]
+        value = stated[name]
         noise[name] = _DEFAULTS[name] if value is None else value
     return noise
 

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The options that commands share: name, metavar and help of each, declared once.
+
+A name in capitals is the whole type of a parameter. A function is for an option whose help depends
+on the command: `config: Annotated[Path | None, config_option("...")] = None`.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+__all__ = [
+    "BodyFromSensor",
+    "Camera",
+    "Poses",
+    "Resolution",
+    "Settings",
+    "SkipBad",
+    "Threads",
+    "Times",
+    "Tolerance",
+    "config_option",
+    "flag",
+    "force_option",
+    "json_option",
+    "thread_count",
+]
+
+Resolution = Annotated[
+    float | None, typer.Option("--resolution", metavar="M", help="Side of a cell in metres.")
+]
+
+Threads = Annotated[
+    int | None,
+    typer.Option("--threads", metavar="N", min=1, help="Default: all cores. Changes no bit."),
+]
+
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Any field; may be repeated."),
+]
+
+# How a log is read; see `oddsmap.cli.log_options`.
+
+Poses = Annotated[
+    Path | None,
+    typer.Option("--poses", metavar="FILE", help="KITTI or TUM poses of a folder of scans."),
+]
+
+Times = Annotated[
+    Path | None,
+    typer.Option("--times", metavar="FILE", help="Stamps of a folder of scans, in seconds."),
+]
+
+Tolerance = Annotated[
+    float,
+    typer.Option("--tolerance", metavar="S", help="How far a pose may be from a scan's stamp."),
+]
+
+BodyFromSensor = Annotated[
+    str | None,
+    typer.Option("--body-from-sensor", metavar="'X Y Z QX QY QZ QW'", help="Where it sits."),
+]
+
+Camera = Annotated[
+    str | None,
+    typer.Option("--camera", metavar="'FX FY CX CY W H'", help="Of depth images [pixels]."),
+]
+
+SkipBad = Annotated[
+    bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
+]
+
+
+def config_option(meaning: str) -> Any:
+    """`--config FILE.toml`; `meaning` says what the command looks at."""
+    return typer.Option("--config", metavar="FILE.toml", help=meaning)
+
+
+def force_option(what: str) -> Any:
+    """`--force`, which replaces `what`: "an existing map"."""
+    return typer.Option("--force", help=f"Replace {what}.")
+
+
+def json_option(what: str) -> Any:
+    """`--json`, which prints `what`: "the summary"."""
+    return typer.Option("--json", help=f"Print {what} as one JSON object.")
+
+
+def flag(name: str) -> str:
+    """The option of a parameter as it is typed: "p_hit" is "--p-hit"."""
+    return "--" + name.replace("_", "-")
+
+
+def thread_count(stated: int | None) -> int:
+    """What --threads says, or all cores that this process may use."""
+    if stated is not None:
+        return stated
+    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
