@@ -5,18 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import typer
 
-from oddsmap.cli.views import flag, write_decay, write_reflection
-
-if TYPE_CHECKING:
-    from oddsmap.maps.probability_map import ProbabilityMap
-    from oddsmap.maps.voxel_map import VoxelMap
-    from oddsmap.odds import Thresholds
-    from oddsmap.posterior.belief import Belief
-    from oddsmap.posterior.prior import MapLike
+from oddsmap.cli.export_log_odds import write_log_odds
+from oddsmap.cli.export_rates import write_decay, write_reflection
+from oddsmap.cli.options import flag, force_option
 
 __all__ = ["HELP", "export"]
 
@@ -42,10 +37,6 @@ Maps of space, MAP may be an OctoMap, too:
 """
 
 _SUFFIXES = (".yaml", ".yml", ".png", ".npz", ".bt", ".ot", ".ply")
-_OF_SPACE = (".bt", ".ot", ".ply")
-_OF_PLANE = (".yaml", ".yml", ".png")
-
-_Options = Mapping[str, Any]
 
 
 def export(
@@ -107,12 +98,10 @@ def export(
     beta_b: Annotated[
         float | None, typer.Option(metavar="N", help="Reflection: its weight of passes, 1.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
+    force: Annotated[bool, force_option("existing files")] = False,
 ) -> None:
     """Write a map as a ROS map, a picture, arrays, an OctoMap or points: see `HELP`."""
-    from oddsmap.errors import ConfigError
-
-    given = {
+    stated = {
         name: value
         for name, value in {
             "mode": mode, "prior": prior, "p_hit": p_hit, "p_miss": p_miss, "z_min": z_min,
@@ -121,15 +110,51 @@ def export(
         }.items()
         if value is not None
     }  # fmt: skip
-    if posterior not in _POSTERIORS:
-        raise ConfigError(f"--posterior {posterior}: unknown, known: {', '.join(_POSTERIORS)}")
-    write, options = _POSTERIORS[posterior]
-    for name in given:
-        if name not in options:
-            owners = [view for view, (_, theirs) in _POSTERIORS.items() if name in theirs]
+    view = _view_of(posterior, stated)
+    _check_suffix(output, mode)
+    written = view.write(source, output, stated, force)
+    typer.echo(f"wrote    {', '.join(str(path) for path in written)}")
+
+
+class _View(NamedTuple):
+    """What writes a view, and the options that it knows."""
+
+    write: Callable[[Path, Path, Mapping[str, Any], bool], list[Path]]
+    options: frozenset[str]
+
+
+_VIEWS = {
+    "log-odds": _View(
+        write_log_odds,
+        frozenset({"mode", "prior", "p_hit", "p_miss", "z_min", "z_max", "ground", "clamp"}),
+    ),
+    "reflection": _View(
+        write_reflection,
+        frozenset({"mode", "show", "level", "interval", "threshold", "beta_a", "beta_b"}),
+    ),
+    "decay": _View(write_decay, frozenset({"show", "level"})),
+}
+
+
+def _view_of(posterior: str, stated: Mapping[str, Any]) -> _View:
+    """The view of --posterior; options that belong to another view are refused."""
+    from oddsmap.errors import ConfigError
+
+    if posterior not in _VIEWS:
+        raise ConfigError(f"--posterior {posterior}: unknown, known: {', '.join(_VIEWS)}")
+    view = _VIEWS[posterior]
+    for name in stated:
+        if name not in view.options:
+            owners = [other for other, theirs in _VIEWS.items() if name in theirs.options]
             raise ConfigError(
                 f"{flag(name)} belongs to --posterior {' or '.join(owners)}, not to {posterior}"
             )
+    return view
+
+
+def _check_suffix(output: Path, mode: str | None) -> None:
+    from oddsmap.errors import ConfigError
+
     suffix = output.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ConfigError(
@@ -138,149 +163,3 @@ def export(
         )
     if mode is not None and suffix not in (".yaml", ".yml"):
         raise ConfigError(f"--mode says how a ROS map is written, not {output.name}")
-    written = write(source, output, given, force)
-    typer.echo(f"wrote    {', '.join(str(path) for path in written)}")
-
-
-def _write_log_odds(source: Path, output: Path, given: _Options, force: bool) -> list[Path]:
-    from oddsmap.errors import ConfigError
-
-    suffix = output.suffix.lower()
-    clamp = given.get("clamp")
-    if clamp is not None and suffix != ".ot":
-        raise ConfigError(f"--clamp bounds the probabilities of an .ot, not of {output.name}")
-    heights = given.keys() & {"z_min", "z_max", "ground"}
-    if suffix not in _OF_PLANE and heights:
-        raise ConfigError(f"--z-min, --z-max, --ground make a map of the plane, not {output.name}")
-    view = _open(source, **{name: given.get(name) for name in ("prior", "p_hit", "p_miss")})
-    if suffix == ".npz":
-        _save_npz(view, output, force=force)
-    elif suffix == ".ply":
-        view.save_ply(output, force=force)
-    elif suffix in _OF_SPACE:
-        view.save_octomap(output, clamp=clamp, force=force)
-    else:
-        grid, thresholds = _plane(
-            view, given.get("z_min"), given.get("z_max"), given.get("ground", "none")
-        )
-        if suffix == ".png":
-            from oddsmap.plot.picture import save_png
-
-            save_png(grid, output, force=force)
-        else:
-            from oddsmap.map_files.ros_writer import save_ros
-
-            mode = given.get("mode", "trinary")
-            return list(save_ros(grid, output, mode=mode, thresholds=thresholds, force=force))
-    return [output]
-
-
-_Writer = Callable[[Path, Path, _Options, bool], list[Path]]
-
-# Each view: what writes it, and the options that it knows.
-_POSTERIORS: dict[str, tuple[_Writer, frozenset[str]]] = {
-    "log-odds": (
-        _write_log_odds,
-        frozenset({"mode", "prior", "p_hit", "p_miss", "z_min", "z_max", "ground", "clamp"}),
-    ),
-    "reflection": (
-        write_reflection,
-        frozenset({"mode", "show", "level", "interval", "threshold", "beta_a", "beta_b"}),
-    ),
-    "decay": (write_decay, frozenset({"show", "level"})),
-}
-
-
-def _open(
-    source: Path, *, prior: str | None, p_hit: float | None, p_miss: float | None
-) -> Belief | VoxelMap:
-    from oddsmap.errors import ConfigError
-    from oddsmap.evidence_map import load_map
-    from oddsmap.full_map.full_map import load_full_map
-    from oddsmap.full_map.store import is_full_map
-    from oddsmap.map_files.octomap_reader import is_octomap
-    from oddsmap.maps.voxel_map import load_octomap
-
-    kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
-    if kind is not None and (prior, p_hit, p_miss) != (None, None, None):
-        raise ConfigError(
-            f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those"
-        )
-    if kind is not None:
-        return load_octomap(source) if is_octomap(source) else load_full_map(source)
-    grid = load_map(source)
-    belief = None if prior is None else _prior(prior, source)
-    return grid.log_odds(p_hit=p_hit, p_miss=p_miss, prior=belief)
-
-
-def _prior(text: str, source: Path) -> float | MapLike:
-    """What --prior says: a number, or the map in a file."""
-    from oddsmap.errors import ConfigError
-    from oddsmap.evidence.store import is_map
-    from oddsmap.evidence_map import load_map
-    from oddsmap.full_map.store import is_full_map
-    from oddsmap.map_files.octomap_reader import is_octomap
-    from oddsmap.maps.probability_map import load_ros
-    from oddsmap.maps.voxel_map import load_octomap
-
-    try:
-        return float(text)
-    except ValueError:
-        path = Path(text)
-    if not path.exists():
-        raise ConfigError(
-            f"--prior {text}: neither a number nor a file; give a probability between 0 and 1, "
-            "or a map (.zarr, .yaml of a ROS map, .bt or .ot)"
-        )
-    if path.resolve() == source.resolve():
-        raise ConfigError(f"--prior {text}: the map itself; its evidence would count twice")
-    if is_full_map(path):
-        raise ConfigError(
-            f"--prior {text}: a full map; export it as a ROS map (.yaml, --mode raw), which can be "
-            "a prior"
-        )
-    if is_map(path):
-        return load_map(path)
-    if path.suffix.lower() in (".yaml", ".yml"):
-        return load_ros(path)
-    if is_octomap(path):
-        return load_octomap(path)
-    raise ConfigError(
-        f"--prior {text}: not a map that can be a prior; known: a saved map (.zarr), the .yaml of "
-        "a ROS map, an OctoMap (.bt, .ot)"
-    )
-
-
-def _plane(
-    view: Belief | VoxelMap, z_min: float | None, z_max: float | None, ground: str
-) -> tuple[ProbabilityMap, Thresholds | None]:
-    from oddsmap.errors import ConfigError
-    from oddsmap.posterior.belief import Belief
-    from oddsmap.projection.project import project
-
-    banded = z_min is not None or z_max is not None
-    thresholds = view.thresholds if isinstance(view, Belief) else None
-    if isinstance(view, Belief) and view.ndim == 2:
-        if banded or ground != "none":
-            raise ConfigError(
-                "--z-min, --z-max and --ground need a map of space, this one is of the plane"
-            )
-        return view.to_probability_map(), thresholds
-    if not banded:
-        raise ConfigError(
-            "this map is of space: say which heights make the map of the plane, for example "
-            "--z-min 0.2 --z-max 1.8 --ground relative"
-        )
-    lowest = -float("inf") if z_min is None else z_min
-    highest = float("inf") if z_max is None else z_max
-    grid = project(view, lowest, highest, ground="relative" if ground == "relative" else None)
-    return grid, thresholds
-
-
-def _save_npz(view: Belief | VoxelMap, output: Path, *, force: bool) -> None:
-    from oddsmap.errors import ConfigError
-    from oddsmap.posterior.belief import Belief
-
-    if not isinstance(view, Belief):
-        raise ConfigError(f"{output}: the arrays list hits and passes, an OctoMap has none")
-    view.save_npz(output, force=force)

@@ -10,22 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from oddsmap.cli.options import flag
+
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
 
-__all__ = ["flag", "write_decay", "write_reflection"]
+__all__ = ["write_decay", "write_reflection"]
 
 Options = Mapping[str, Any]
 
 _OF_INTERVALS = ("interval-width", "lower", "upper")
 
 
-def flag(name: str) -> str:
-    """An option as it is typed."""
-    return "--" + name.replace("_", "-")
-
-
-def write_reflection(source: Path, output: Path, given: Options, force: bool) -> list[Path]:
+def write_reflection(source: Path, output: Path, options: Options, force: bool) -> list[Path]:
     """Write the reflection map, see `oddsmap.posterior.reflection.Reflection`."""
     from oddsmap.errors import ConfigError
     from oddsmap.posterior.reflection import Reflection
@@ -33,15 +30,15 @@ def write_reflection(source: Path, output: Path, given: Options, force: bool) ->
     suffix = output.suffix.lower()
     if suffix not in (".png", ".npz", ".yaml", ".yml"):
         raise ConfigError(f"{output}: a reflection map is written as .png, .npz or .yaml")
-    if given.get("show") == "p-pass":
+    if options.get("show") == "p-pass":
         raise ConfigError("--show p-pass belongs to --posterior decay")
-    if "show" in given and suffix != ".png":
+    if "show" in options and suffix != ".png":
         raise ConfigError(f"--show says what a .png shows, not {output.name}")
-    _check_uses(given, output)
+    _check_uses(options, output)
     names = {
         "beta_a": "a", "beta_b": "b", "threshold": "threshold", "level": "level", "interval": "kind"
     }  # fmt: skip
-    arguments = {names[name]: value for name, value in given.items() if name in names}
+    arguments = {names[name]: value for name, value in options.items() if name in names}
     grid = _with_counts(source)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -51,44 +48,44 @@ def write_reflection(source: Path, output: Path, given: Options, force: bool) ->
     if suffix == ".npz":
         view.save_npz(output, force=force)
     elif suffix == ".png":
-        view.save_png(output, show=given.get("show", "mean"), force=force)
+        view.save_png(output, show=options.get("show", "mean"), force=force)
     else:
-        return list(view.save_ros(output, mode=given.get("mode", "scale"), force=force))
+        return list(view.save_ros(output, mode=options.get("mode", "scale"), force=force))
     return [output]
 
 
-def _check_uses(given: Options, output: Path) -> None:
+def _check_uses(options: Options, output: Path) -> None:
     """Refuse an option of the reflection view that would change nothing in this output."""
     from oddsmap.errors import ConfigError
 
-    suffix, show = output.suffix.lower(), given.get("show", "mean")
+    suffix, show = output.suffix.lower(), options.get("show", "mean")
     interval = suffix == ".npz" or (suffix == ".png" and show in _OF_INTERVALS)
     for name, used, where in (
         ("level", interval, ".npz and --show interval-width, lower or upper"),
         ("interval", interval, ".npz and --show interval-width, lower or upper"),
         ("threshold", suffix == ".png" and show == "p-above", "--show p-above"),
     ):
-        if name in given and not used:
+        if name in options and not used:
             raise ConfigError(f"{flag(name)} changes {where} alone, not {output.name}")
 
 
-def write_decay(source: Path, output: Path, given: Options, force: bool) -> list[Path]:
+def write_decay(source: Path, output: Path, options: Options, force: bool) -> list[Path]:
     """Write the decay rates, see `oddsmap.posterior.decay_rate.DecayRate`."""
     from oddsmap.errors import ConfigError
 
-    suffix, show = output.suffix.lower(), given.get("show", "mean")
+    suffix, show = output.suffix.lower(), options.get("show", "mean")
     if suffix not in (".png", ".npz"):
         raise ConfigError(f"{output}: a map of decay rates is written as .png or .npz")
-    if "show" in given and suffix != ".png":
+    if "show" in options and suffix != ".png":
         raise ConfigError(f"--show says what a .png shows, not {output.name}")
     if show == "p-above":
         raise ConfigError("--show p-above belongs to --posterior reflection")
-    if "level" in given and suffix == ".png" and show not in _OF_INTERVALS:
+    if "level" in options and suffix == ".png" and show not in _OF_INTERVALS:
         raise ConfigError(
             f"--level changes .npz and --show interval-width, lower or upper alone, "
             f"not {output.name}"
         )
-    view = _with_counts(source).decay_rate(level=given.get("level", 0.95))
+    view = _with_counts(source).decay_rate(level=options.get("level", 0.95))
     if suffix == ".npz":
         view.save_npz(output, force=force)
     else:

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `oddsmap export` writes of the probability of cells: the view of log odds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from oddsmap.maps.probability_map import ProbabilityMap
+    from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.odds import Thresholds
+    from oddsmap.posterior.belief import Belief
+    from oddsmap.posterior.prior import MapLike
+
+__all__ = ["write_log_odds"]
+
+_OF_SPACE = (".bt", ".ot", ".ply")
+_OF_PLANE = (".yaml", ".yml", ".png")
+
+
+def write_log_odds(
+    source: Path, output: Path, options: Mapping[str, Any], force: bool
+) -> list[Path]:
+    """Write the probabilities of a map: as its suffix says.
+
+    Args:
+        source: a saved map, a full map or an OctoMap.
+        output: the file to write.
+        options: those of `oddsmap export` that are stated, by name.
+        force: whether to replace existing files.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        OddsmapError: an option does not fit the map or the file, or one cannot be read or written.
+    """
+    from oddsmap.errors import ConfigError
+
+    suffix = output.suffix.lower()
+    clamp = options.get("clamp")
+    if clamp is not None and suffix != ".ot":
+        raise ConfigError(f"--clamp bounds the probabilities of an .ot, not of {output.name}")
+    heights = options.keys() & {"z_min", "z_max", "ground"}
+    if suffix not in _OF_PLANE and heights:
+        raise ConfigError(f"--z-min, --z-max, --ground make a map of the plane, not {output.name}")
+    view = _open(source, **{name: options.get(name) for name in ("prior", "p_hit", "p_miss")})
+    if suffix == ".npz":
+        _save_npz(view, output, force=force)
+    elif suffix == ".ply":
+        view.save_ply(output, force=force)
+    elif suffix in _OF_SPACE:
+        view.save_octomap(output, clamp=clamp, force=force)
+    else:
+        grid, thresholds = _plane(
+            view, options.get("z_min"), options.get("z_max"), options.get("ground", "none")
+        )
+        if suffix == ".png":
+            from oddsmap.plot.picture import save_png
+
+            save_png(grid, output, force=force)
+        else:
+            from oddsmap.map_files.ros_writer import save_ros
+
+            mode = options.get("mode", "trinary")
+            return list(save_ros(grid, output, mode=mode, thresholds=thresholds, force=force))
+    return [output]
+
+
+def _open(
+    source: Path, *, prior: str | None, p_hit: float | None, p_miss: float | None
+) -> Belief | VoxelMap:
+    from oddsmap.errors import ConfigError
+    from oddsmap.evidence_map import load_map
+    from oddsmap.full_map.full_map import load_full_map
+    from oddsmap.full_map.store import is_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap
+    from oddsmap.maps.voxel_map import load_octomap
+
+    kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
+    if kind is not None and (prior, p_hit, p_miss) != (None, None, None):
+        raise ConfigError(
+            f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those"
+        )
+    if kind is not None:
+        return load_octomap(source) if is_octomap(source) else load_full_map(source)
+    grid = load_map(source)
+    belief = None if prior is None else _prior(prior, source)
+    return grid.log_odds(p_hit=p_hit, p_miss=p_miss, prior=belief)
+
+
+def _prior(text: str, source: Path) -> float | MapLike:
+    """What --prior says: a number, or the map in a file."""
+    from oddsmap.errors import ConfigError
+    from oddsmap.evidence.store import is_map
+    from oddsmap.evidence_map import load_map
+    from oddsmap.full_map.store import is_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap
+    from oddsmap.maps.probability_map import load_ros
+    from oddsmap.maps.voxel_map import load_octomap
+
+    try:
+        return float(text)
+    except ValueError:
+        path = Path(text)
+    if not path.exists():
+        raise ConfigError(
+            f"--prior {text}: neither a number nor a file; give a probability between 0 and 1, "
+            "or a map (.zarr, .yaml of a ROS map, .bt or .ot)"
+        )
+    if path.resolve() == source.resolve():
+        raise ConfigError(f"--prior {text}: the map itself; its evidence would count twice")
+    if is_full_map(path):
+        raise ConfigError(
+            f"--prior {text}: a full map; export it as a ROS map (.yaml, --mode raw), which can be "
+            "a prior"
+        )
+    if is_map(path):
+        return load_map(path)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return load_ros(path)
+    if is_octomap(path):
+        return load_octomap(path)
+    raise ConfigError(
+        f"--prior {text}: not a map that can be a prior; known: a saved map (.zarr), the .yaml of "
+        "a ROS map, an OctoMap (.bt, .ot)"
+    )
+
+
+def _plane(
+    view: Belief | VoxelMap, z_min: float | None, z_max: float | None, ground: str
+) -> tuple[ProbabilityMap, Thresholds | None]:
+    from oddsmap.errors import ConfigError
+    from oddsmap.posterior.belief import Belief
+    from oddsmap.projection.project import project
+
+    banded = z_min is not None or z_max is not None
+    thresholds = view.thresholds if isinstance(view, Belief) else None
+    if isinstance(view, Belief) and view.ndim == 2:
+        if banded or ground != "none":
+            raise ConfigError(
+                "--z-min, --z-max and --ground need a map of space, this one is of the plane"
+            )
+        return view.to_probability_map(), thresholds
+    if not banded:
+        raise ConfigError(
+            "this map is of space: say which heights make the map of the plane, for example "
+            "--z-min 0.2 --z-max 1.8 --ground relative"
+        )
+    lowest = -float("inf") if z_min is None else z_min
+    highest = float("inf") if z_max is None else z_max
+    grid = project(view, lowest, highest, ground="relative" if ground == "relative" else None)
+    return grid, thresholds
+
+
+def _save_npz(view: Belief | VoxelMap, output: Path, *, force: bool) -> None:
+    from oddsmap.errors import ConfigError
+    from oddsmap.posterior.belief import Belief
+
+    if not isinstance(view, Belief):
+        raise ConfigError(f"{output}: the arrays list hits and passes, an OctoMap has none")
+    view.save_npz(output, force=force)
