@@ -111,18 +111,18 @@ def test_words(run: Run, sonar: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("method", "said"),
+    ("method", "message"),
     [
         ("gibbs", "sweeps   3, marginals NOT at rest: more full_map.samples may be needed (resid"),
         ("map", "cells at rest (residual 0)"),
     ],
 )
-def test_other_methods(run: Run, sonar: Path, tmp_path: Path, method: str, said: str) -> None:
+def test_other_methods(run: Run, sonar: Path, tmp_path: Path, method: str, message: str) -> None:
     out = tmp_path / "m.zarr"
     sets = ("--set", f"full_map.method={method}", "--set", "full_map.samples=3")
     done = run("build", sonar, *FULL, *sets, "-o", out)
     assert done.status == 0
-    assert said in done.out
+    assert message in done.out
     settings = FullMapConfig(method=method, samples=3)
     assert same(load_full_map(out), build_full_map(oddsmap.open_log(sonar), 0.1, settings=settings))
     assert run("info", out, "--json").json["method"] == method
@@ -161,7 +161,7 @@ def test_settings(run: Run, sonar: Path, tmp_path: Path) -> None:
         (("--set", "sensor.cone_deg=200"), "up to 180 degrees, got 200"),
         (("--set", "map.half_life=9"), "map.half_life is for the filter"),
         (("--set", "sensor.mark_z_min=0.1"), "sensor.mark_z_min is for the filter"),
-        (("--method", "projective"), "--method projective is for depth images"),
+        (("--method", "projective"), "--method projective belongs to --estimator filter"),
         (
             ("--set", "posterior.prior=0.5"),
             "--set posterior.prior=0.5: posterior.prior belongs to --estimator filter, a full map "
@@ -218,16 +218,16 @@ def test_a_pose_far_off_spoils_no_map(run: Run, sonar: Path, tmp_path: Path) -> 
     for metres, skipped in ((1e9, {}), (1e13, {"scan.pose_too_far": 1})):
         log, out = tmp_path / f"{metres:g}.npz", tmp_path / f"{metres:g}.zarr"
         np.savez(log, beams=np.concatenate([beams, [[metres, 0.0, 0.0, 1.0]]]), **rest)
-        said = run("build", log, *FULL, "-o", out, "--json").json
-        assert said["skipped"] == skipped
-        assert said["beams"] == 720 + (not skipped)
+        facts = run("build", log, *FULL, "-o", out, "--json").json
+        assert facts["skipped"] == skipped
+        assert facts["beams"] == 720 + (not skipped)
         filtered = run("build", log, "--resolution", 0.1, "-o", tmp_path / "f.zarr", "--force",
                        "--json").json  # fmt: skip
-        assert (filtered["skipped"], filtered["beams"]) == (skipped, said["beams"])
+        assert (filtered["skipped"], filtered["beams"]) == (skipped, facts["beams"])
         _, hi = load_full_map(out).bounds() or (np.zeros(2), np.zeros(2))
         assert (hi[0] > 1e9) == (not skipped)
         scored = run("score", out, log, "--json").json
-        assert (scored["skipped"], scored["beams"]) == (skipped, said["beams"])
+        assert (scored["skipped"], scored["beams"]) == (skipped, facts["beams"])
 
 
 def test_a_log_of_grids_is_refused(run: Run, tmp_path: Path) -> None:
@@ -329,8 +329,8 @@ def test_export_of_space(run: Run, space_map: Path, tmp_path: Path) -> None:
 def test_a_full_map_has_no_counts_to_look_at_anew(
     run: Run, flat_map: Path, tmp_path: Path, option: str
 ) -> None:
-    said = run("export", flat_map, tmp_path / "m.png", option, 0.6).line
-    assert "a full map has no counts" in said
+    line = run("export", flat_map, tmp_path / "m.png", option, 0.6).line
+    assert "a full map has no counts" in line
 
 
 def test_a_full_map_is_no_reflection_map(run: Run, flat_map: Path, tmp_path: Path) -> None:

@@ -5,22 +5,29 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.settings import (
-    Layer,
-    check_sections,
-    cores,
-    read_camera,
-    read_extrinsics,
-    resolved,
-    setting_layers,
+from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
+from oddsmap.cli.options import (
+    BodyFromSensor,
+    Camera,
+    Poses,
+    Resolution,
+    Settings,
+    SkipBad,
+    Threads,
+    Times,
+    Tolerance,
+    config_option,
+    force_option,
+    json_option,
+    thread_count,
 )
+from oddsmap.cli.progress import progress_of_fit
+from oddsmap.cli.setting_layers import SettingLayers, read_layers
 
 if TYPE_CHECKING:
     from oddsmap.scoring.calibration import Calibration
@@ -43,80 +50,48 @@ _UNITS = {"cone_deg": "deg", "sigma": "m"}
 def calibrate(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A log file, or a folder of scans.")],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="SENSOR.toml")],
-    resolution: Annotated[
-        float | None, typer.Option(metavar="M", help="Side of a cell in metres.")
-    ] = None,
+    resolution: Resolution = None,
     noise_only: Annotated[
         bool,
         typer.Option("--noise-only", help="Leave cone_deg and detection as they are; faster."),
     ] = False,
-    threads: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Default: all cores. Changes no bit.")
-    ] = None,
-    poses: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="KITTI or TUM poses of a folder of scans.")
-    ] = None,
-    times: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Stamps of a folder of scans, in seconds.")
-    ] = None,
-    tolerance: Annotated[
-        float, typer.Option(metavar="S", help="How far a pose may be from a scan's stamp.")
-    ] = 0.02,
-    extrinsics: Annotated[
-        str | None,
-        typer.Option("--body-from-sensor", metavar="'X Y Z QX QY QZ QW'", help="As for build."),
-    ] = None,
-    intrinsics: Annotated[
-        str | None, typer.Option("--camera", metavar="'FX FY CX CY W H'", help="As for build.")
-    ] = None,
-    config: Annotated[
-        Path | None, typer.Option(metavar="FILE.toml", help="Where to start: section sensor.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Any field; may be repeated."),
-    ] = None,
-    skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
-    ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the result as one JSON object.")
-    ] = False,
+    threads: Threads = None,
+    poses: Poses = None,
+    times: Times = None,
+    tolerance: Tolerance = 0.02,
+    extrinsics: BodyFromSensor = None,
+    camera: Camera = None,
+    config: Annotated[Path | None, config_option("Where to start: section sensor.")] = None,
+    settings: Settings = None,
+    skip_bad: SkipBad = False,
+    force: Annotated[bool, force_option("an existing file")] = False,
+    as_json: Annotated[bool, json_option("the result")] = False,
 ) -> None:
     """Calibrate the sensor: see `HELP`."""
-    from oddsmap.atomic_write import atomic_output, check_output
-    from oddsmap.errors import ConfigError
-    from oddsmap.readers import open_log
+    from oddsmap.atomic_write import atomic_output
     from oddsmap.scoring.calibration import calibrate as calibrate_sensor
 
-    if output.suffix.lower() != ".toml":
-        raise ConfigError(f"{output}: a sensor is written as TOML; give a name that ends in .toml")
-    check_output(output, force=force)
-    flags: Layer = {"map": {"resolution": resolution}}
-    layers = setting_layers(config, flags, settings or [])
-    check_sections(layers, "calibrate", "map", "sensor", "full_map")
-    if not any("resolution" in values.get("map", {}) for _, values in layers):
-        raise typer.BadParameter("calibration needs one, in metres", param_hint="--resolution")
-    opened = open_log(
-        log,
+    log_options = LogOptions(
         poses=poses,
         times=times,
-        tolerance_s=tolerance,
-        body_from_sensor=read_extrinsics(extrinsics),
-        camera=read_camera(intrinsics),
+        tolerance=tolerance,
+        extrinsics=read_extrinsics(extrinsics),
+        camera=read_camera(camera),
         skip_bad=skip_bad,
     )
-    settled = resolved(layers, opened)
-    with _status(quiet=as_json) as tell:
+    _check_output(output, force=force)
+    layers = _read_layers(config, settings, resolution)
+    opened = log_options.open(log)
+    start = layers.resolve(opened)
+    with progress_of_fit(quiet=as_json) as progress:
         found = calibrate_sensor(
             opened,
-            settled.map.resolution,
-            sensor=settled.sensor,
-            settings=settled.full_map,
-            threads=threads or cores(),
+            start.map.resolution,
+            sensor=start.sensor,
+            settings=start.full_map,
+            threads=thread_count(threads),
             noise_only=noise_only,
-            progress=tell,
+            progress=progress,
         )
     with atomic_output(output, force=force) as part:
         part.write_text(f"# From {log.name}, by oddsmap calibrate.\n{found.to_toml()}", "utf-8")
@@ -128,17 +103,23 @@ def calibrate(
         _say(found, output)
 
 
-@contextmanager
-def _status(*, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A line on stderr that changes; gives the callback for it."""
-    from rich.console import Console
+def _check_output(output: Path, *, force: bool) -> None:
+    from oddsmap.atomic_write import check_output
+    from oddsmap.errors import ConfigError
 
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield None
-        return
-    with console.status("getting ready (compiles once a machine)") as status:
-        yield lambda what, value: status.update(f"fitting {what}: {value:+.4f} nats a beam")
+    if output.suffix.lower() != ".toml":
+        raise ConfigError(f"{output}: a sensor is written as TOML; give a name that ends in .toml")
+    check_output(output, force=force)
+
+
+def _read_layers(
+    config: Path | None, settings: list[str] | None, resolution: float | None
+) -> SettingLayers:
+    layers = read_layers(config, settings, {"map": {"resolution": resolution}})
+    layers.check_sections("calibrate", "map", "sensor", "full_map")
+    if "resolution" not in layers.fields("map"):
+        raise typer.BadParameter("calibration needs one, in metres", param_hint="--resolution")
+    return layers
 
 
 def _facts(found: Calibration) -> dict[str, Any]:

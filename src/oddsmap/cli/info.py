@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from oddsmap.cli.log_options import LogOptions
+from oddsmap.cli.options import Poses, SkipBad, json_option
+
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
@@ -30,13 +33,9 @@ def info(
     path: Annotated[
         Path, typer.Argument(metavar="PATH", help="A log, a saved map, or an OctoMap.")
     ],
-    poses: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="KITTI or TUM poses of a folder of scans.")
-    ] = None,
-    skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    poses: Poses = None,
+    skip_bad: SkipBad = False,
+    as_json: Annotated[bool, json_option("the facts")] = False,
 ) -> None:
     """Say what is in a log or in a map: see `HELP`."""
     from oddsmap.evidence.store import is_map
@@ -54,9 +53,7 @@ def info(
     elif is_octomap(path):
         facts = _of_octomap(load_octomap(path), path)
     else:
-        from oddsmap.readers import open_log
-
-        facts = _of_log(open_log(path, poses=poses, skip_bad=skip_bad))
+        facts = _of_log(LogOptions(poses=poses, skip_bad=skip_bad).open(path))
     if as_json:
         typer.echo(json.dumps(facts))
         return

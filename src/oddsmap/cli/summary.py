@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `oddsmap build` says while it works and when it is done."""
+"""What `oddsmap build` says when it is done."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,49 +11,8 @@ import typer
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
-    from oddsmap.scans.log import Log
 
-__all__ = ["facts_of", "facts_of_full_map", "progress_of_logs", "progress_of_sweeps", "say"]
-
-
-@contextmanager
-def progress_of_logs(
-    total: int, *, quiet: bool
-) -> Iterator[Callable[[Log], Callable[[int], None]]]:
-    """A bar on stderr; gives a function that makes the callback for one log."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    shown = not quiet and console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
-        # The first run compiles for some seconds before the first scan is done.
-        task = bar.add_task("getting ready (compiles once a machine)", total=total)
-        done_before = 0
-
-        def advance(log: Log) -> Callable[[int], None]:
-            nonlocal done_before
-            before, done_before = done_before, done_before + len(log)
-            return lambda done: bar.update(task, description="mapping", completed=before + done)
-
-        yield advance
-
-
-@contextmanager
-def progress_of_sweeps(most: int, *, quiet: bool) -> Iterator[Callable[[int, float], None]]:
-    """A bar on stderr; gives the callback for a sweep's number and residual."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    shown = not quiet and console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
-        task = bar.add_task("getting ready (compiles once a machine)", total=most)
-        yield lambda sweep, residual: bar.update(
-            task, description=f"sweeping, messages still move by {residual:.2g}", completed=sweep
-        )
+__all__ = ["facts_of", "facts_of_full_map", "say"]
 
 
 def facts_of(evidence: EvidenceMap, output: Path) -> dict[str, Any]:
@@ -100,16 +57,16 @@ def _extent(known: int, grid: EvidenceMap | FullMap, output: Path) -> dict[str, 
 
 def say(facts: dict[str, Any]) -> None:
     """Say in words what `oddsmap build` has done."""
-    tell = typer.echo
-    tell(f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
+    line = typer.echo
+    line(f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
     if "held_out" in facts:
-        tell(f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
+        line(f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
     for reason, count in sorted(facts["skipped"].items()):
-        tell(f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
+        line(f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
     flat = "area_m2" in facts
     seen = f"{facts['area_m2']:,.1f} square" if flat else f"{facts['volume_m3']:,.1f} cubic"
-    tell(f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
-    tell(
+    line(f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
+    line(
         f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "
         f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
     )
@@ -117,14 +74,14 @@ def say(facts: dict[str, Any]) -> None:
         moving, unit, more = _MOVING[facts["method"]]
         rest = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
         residual = f"{facts['residual']:.2g}{unit}"
-        tell(f"sweeps   {facts['sweeps']}, {moving} {rest} (residual {residual})")
+        line(f"sweeps   {facts['sweeps']}, {moving} {rest} (residual {residual})")
     output = facts["output"]
-    tell(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
+    line(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
     stem = Path(output).with_suffix("")
     if flat:
-        tell(f"next     oddsmap export {output} {stem}.png    (or {stem}.yaml for ROS)")
+        line(f"next     oddsmap export {output} {stem}.png    (or {stem}.yaml for ROS)")
     else:
-        tell(f"next     oddsmap export {output} {stem}.ply    (or .bt; .png with --z-min, --z-max)")
+        line(f"next     oddsmap export {output} {stem}.ply    (or .bt; .png with --z-min, --z-max)")
 
 
 # Of each method of a full map: what moves, the unit of its residual, and what gives it more time.

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `oddsmap build` is to do: all of its options, checked before a log is opened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import typer
+
+from oddsmap.cli.log_options import LogOptions
+from oddsmap.cli.sensor_names import sensor_names
+from oddsmap.cli.setting_layers import Layer, SettingLayers, read_layers
+
+__all__ = ["BuildPlan", "MapSettings"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapSettings:
+    """The options that set fields of the configuration; None: not stated."""
+
+    resolution: float | None = None
+    votes: Literal["scan", "beam"] | None = None
+    sensor: str | None = None
+    range_max: float | None = None
+    clear_range: float | None = None
+    sweeps: int | None = None
+    config: Path | None = None
+    settings: list[str] | None = None
+
+    def layers(self) -> SettingLayers:
+        """What they set, in layers.
+
+        Raises:
+            ConfigError: the file cannot be read, or a word of --set is of another form.
+        """
+        kind = None if self.sensor is None else sensor_names()[self.sensor]
+        options: Layer = {
+            "map": {"resolution": self.resolution, "votes": self.votes},
+            "sensor": {
+                "range_max": self.range_max,
+                "clear_range": self.clear_range,
+                "kind": kind,
+            },
+            "full_map": {"sweeps": self.sweeps},
+        }
+        return read_layers(self.config, self.settings, options)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BuildPlan:
+    """All that `oddsmap build` was asked for.
+
+    Args:
+        logs: the paths of the logs.
+        log_options: how to read them.
+        output: the map to write.
+        force: whether it may replace an existing map.
+        settings: the options that set fields of the configuration.
+        estimator: what makes the map.
+        method: how depth images clear.
+        threads: how many work.
+        hold_out: the share of scans to keep back; None: no scan.
+        quiet: whether to show no progress.
+
+    Raises:
+        ConfigError: options do not go together, or the map cannot be written there.
+        typer.BadParameter: there is no resolution.
+    """
+
+    logs: list[Path]
+    log_options: LogOptions = field(default_factory=LogOptions)
+    output: Path
+    force: bool = False
+    settings: MapSettings = field(default_factory=MapSettings)
+    estimator: Literal["filter", "full-map"] = "filter"
+    method: Literal["rays", "projective"] = "rays"
+    threads: int = 1
+    hold_out: float | None = None
+    quiet: bool = False
+
+    def __post_init__(self) -> None:
+        self._check_sensor()
+        self._check_estimator()
+        self._check_output()
+        self._check_settings()
+        _ = self.hold_out_every
+
+    @cached_property
+    def layers(self) -> SettingLayers:
+        """The layers of settings; the file of --config is read once."""
+        return self.settings.layers()
+
+    @property
+    def hold_out_every(self) -> int | None:
+        """Which scan is kept back, each k-th; None: no scan."""
+        from oddsmap.scans.split_log import every_of
+
+        return None if self.hold_out is None else every_of(self.hold_out)
+
+    def _check_sensor(self) -> None:
+        from oddsmap.errors import ConfigError
+
+        stated, known = self.settings.sensor, sensor_names()
+        if stated is not None and stated not in known:
+            raise ConfigError(f"--sensor {stated}: not available, known are {', '.join(known)}")
+
+    def _check_estimator(self) -> None:
+        from oddsmap.errors import ConfigError
+
+        full_map = self.estimator == "full-map"
+        if full_map and self.settings.votes is not None:
+            raise ConfigError("--votes belongs to --estimator filter: a full map counts no votes")
+        if full_map and self.method != "rays":
+            raise ConfigError(f"--method {self.method} belongs to --estimator filter")
+        if not full_map and self.settings.sweeps is not None:
+            raise ConfigError("--sweeps belongs to --estimator full-map")
+
+    def _check_output(self) -> None:
+        from oddsmap.atomic_write import check_output
+        from oddsmap.errors import ConfigError
+
+        suffix = self.output.suffix
+        if suffix not in ("", ".zarr"):
+            raise ConfigError(
+                f"{self.output}: a map is a Zarr folder, by custom NAME.zarr; oddsmap export makes "
+                f'{suffix} of it; got the suffix "{suffix}"'
+            )
+        check_output(self.output, force=self.force)
+
+    def _check_settings(self) -> None:
+        self.layers.check_estimator(self.estimator)
+        if "resolution" not in self.layers.fields("map"):
+            raise typer.BadParameter("a map needs one, in metres", param_hint="--resolution")

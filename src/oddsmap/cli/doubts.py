@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Doubts: what a person should know where settings do not fit a log, and nobody asked for that."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from oddsmap.cli.setting_layers import SettingLayers
+    from oddsmap.config.config import Config
+    from oddsmap.scans.log import Log
+    from oddsmap.sensors.registry import Sensor
+
+__all__ = ["doubt_of_sensor", "doubts_of_settings"]
+
+# Calibration may find another width than a log writes of its sensor; it is no such factor.
+_ANOTHER_WIDTH = 1.5
+
+
+def doubts_of_settings(log: Log, config: Config) -> list[str]:
+    """What to say of a map that a log is made into with this configuration."""
+    found = []
+    width = log.sensor.get("cone_deg")
+    if width is not None and config.sensor.kind == "beam":
+        found.append(f"beams are {width:g} degrees wide, sensor.kind beam maps their axes alone")
+    written, used = log.sensor.get("range_max"), getattr(config.sensor, "range_max", None)
+    if written is not None and used is not None and used > written:
+        found.append(
+            f"range_max {used:g} is above the {written:g} m that this log writes where nothing was "
+            "seen: such readings now count as obstacles"
+        )
+    return found
+
+
+def doubt_of_sensor(log: Log, sensor: Sensor, layers: SettingLayers) -> str | None:
+    """What to say where a log's beams are not as wide as they are predicted, and nobody asked."""
+    from oddsmap.sensors.registry import stated_of_sensor
+
+    asked, stated = layers.fields("sensor"), stated_of_sensor(log)
+    theirs, ours = stated.get("cone_deg", 0.0), getattr(sensor, "cone_deg", 0.0)
+    if stated["kind"] == sensor.kind:
+        narrow, wide = sorted((theirs, ours))
+        if "cone_deg" in asked or wide <= _ANOTHER_WIDTH * narrow:
+            return None
+    elif "kind" in asked:
+        return None
+    words = [
+        f"{width:g} degrees wide (sensor.kind {kind})" if width else f"narrow (sensor.kind {kind})"
+        for kind, width in ((stated["kind"], theirs), (sensor.kind, ours))
+    ]
+    return (
+        f"by what it says of its sensor its beams are {words[0]}, those of the map's sensor are "
+        f"{words[1]}: they were scored as the latter (--set sensor.kind, sensor.cone_deg)"
+    )

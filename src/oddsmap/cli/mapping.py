@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The work of `oddsmap build`: opened logs to a saved map, with either estimator."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps
+from oddsmap.cli.sensor_names import is_of_space
+from oddsmap.cli.summary import facts_of, facts_of_full_map
+
+if TYPE_CHECKING:
+    from oddsmap.cli.build_plan import BuildPlan
+    from oddsmap.cli.opened_logs import OpenedLog, OpenedLogs
+    from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.scans.report import Report
+
+__all__ = ["make_map"]
+
+Made = tuple[dict[str, Any], "Report"]
+"""What there is to say of a map, and what became of the scans."""
+
+
+def make_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
+    """Make the map of a plan and save it.
+
+    Raises:
+        OddsmapError: the logs do not make one map, or it cannot be written.
+    """
+    make = _full_map if plan.estimator == "full-map" else _evidence_map
+    return make(plan, opened)
+
+
+def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
+    """Map with the filter and save."""
+    from oddsmap.integrate.add import add_log
+    from oddsmap.scans.report import Report
+
+    evidence, total = _empty_map(opened), Report()
+    scans = sum(len(part.log) for part in opened.logs)
+    with progress_of_logs(scans, quiet=plan.quiet) as advance:
+        for part in opened.logs:
+            report = add_log(
+                evidence,
+                part.log,
+                sensor=part.config.sensor,
+                method=plan.method,
+                threads=plan.threads,
+                progress=advance(part.log),
+            )
+            total.add(report.scans, report.beams, report.skipped)
+            total.integrate_s += report.integrate_s
+            total.compile_s += report.compile_s
+            total.read_s += report.read_s
+    _note_held_out(evidence.provenance, opened.logs)
+    evidence.save(plan.output, force=plan.force)
+    return facts_of(evidence, plan.output), total
+
+
+def _empty_map(opened: OpenedLogs) -> EvidenceMap:
+    """The map to fill, by the configuration of the first log."""
+    from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.integrate.forgetting import last_stamp
+
+    config = opened.logs[0].config
+    t_ref_ns = config.map.t_ref_ns
+    if config.map.half_life is not None and t_ref_ns is None:
+        t_ref_ns = max(last_stamp(part.log) for part in opened.logs)
+    return EvidenceMap(
+        config.map.resolution,
+        votes=config.map.votes,
+        half_life=config.map.half_life,
+        t_ref_ns=t_ref_ns,
+        path_lengths=config.map.path_lengths,
+        sensor=config.sensor,
+        posterior=config.posterior,
+        ndim=3 if is_of_space(opened.sensor) else 2,
+    )
+
+
+def _full_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
+    """Estimate the whole map and save."""
+    from oddsmap.errors import ConfigError
+    from oddsmap.full_map.estimator import FullMapEstimator
+
+    config = opened.logs[0].config
+    if any(part.config.sensor != config.sensor for part in opened.logs):
+        raise ConfigError(
+            "the logs say different things of their sensor, a full map takes one: set what "
+            "differs with --config or --set, or map them one by one"
+        )
+    estimator = FullMapEstimator(config, threads=plan.threads)
+    for part in opened.logs:
+        estimator.add_log(part.log)
+    with progress_of_sweeps(config.full_map.sweeps, quiet=plan.quiet) as advance:
+        full_map = estimator.estimate(advance)
+    _note_held_out(full_map.provenance, opened.logs)
+    full_map.save(plan.output, force=plan.force)
+    return facts_of_full_map(full_map, plan.output), estimator.report
+
+
+def _note_held_out(provenance: list[dict[str, Any]], logs: list[OpenedLog]) -> None:
+    """Note in a map which scans it has not seen: one entry a log."""
+    from oddsmap.scans.split_log import PartOfLog
+
+    for entry, part in zip(provenance, logs, strict=True):
+        if isinstance(part.log, PartOfLog):
+            entry["hold_out_every"] = part.log.every

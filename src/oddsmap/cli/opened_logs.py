@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The logs of `oddsmap build`, opened: what of them is mapped, and with which configuration."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from oddsmap.cli.sensor_names import check_width, may_be_called, sensor_name
+
+if TYPE_CHECKING:
+    from oddsmap.cli.build_plan import BuildPlan
+    from oddsmap.config.config import Config
+    from oddsmap.scans.log import Log
+
+__all__ = ["OpenedLog", "OpenedLogs", "open_logs"]
+
+
+@dataclass(frozen=True, slots=True)
+class OpenedLog:
+    """A log, without the scans that are kept back, and its configuration."""
+
+    log: Log
+    config: Config
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenedLogs:
+    """All logs of a map.
+
+    Args:
+        logs: one or more.
+        sensor: what --sensor would call their sensor, the same for all.
+        held_out: how many scans are kept back.
+        read_s: how long it took to open them [s].
+    """
+
+    logs: list[OpenedLog]
+    sensor: str
+    held_out: int
+    read_s: float
+
+
+def open_logs(plan: BuildPlan) -> OpenedLogs:
+    """Open the logs of a plan, and check that they make one map.
+
+    Raises:
+        OddsmapError: a log cannot be read, or does not fit the plan or the other logs.
+    """
+    started = time.perf_counter()
+    logs = [plan.log_options.open(path) for path in plan.logs]
+    read_s = time.perf_counter() - started
+    for log in logs:
+        check_width(log, plan.settings.sensor)
+    configs = [plan.layers.resolve(log) for log in logs]
+    sensor = _only_sensor(plan, logs, configs)
+    every = plan.hold_out_every
+    return OpenedLogs(
+        logs=[
+            OpenedLog(_mapped_part(log, every), config)
+            for log, config in zip(logs, configs, strict=True)
+        ],
+        sensor=sensor,
+        held_out=0 if every is None else sum(len(log) // every for log in logs),
+        read_s=read_s,
+    )
+
+
+def _only_sensor(plan: BuildPlan, logs: list[Log], configs: list[Config]) -> str:
+    """What the sensor of all logs is called; refused where the plan does not fit it."""
+    from oddsmap.errors import ConfigError
+
+    names = {sensor_name(log, config) for log, config in zip(logs, configs, strict=True)}
+    name, stated = min(names), plan.settings.sensor
+    if len(names) > 1 or (stated is not None and not may_be_called(name, stated)):
+        raise ConfigError(
+            f"{plan.logs[0]}: the logs are of {' and '.join(sorted(names))}"
+            + (f", --sensor says {stated}" if stated else ", one map takes one kind")
+        )
+    if plan.method == "projective" and name != "depth":
+        raise ConfigError(
+            f"{plan.logs[0]}: --method projective is for depth images, the scans are {name}"
+        )
+    return name
+
+
+def _mapped_part(log: Log, every: int | None) -> Log:
+    from oddsmap.scans.split_log import hold_out
+
+    return log if every is None else hold_out(log, every)[0]

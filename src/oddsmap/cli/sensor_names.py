@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Names of sensors: what --sensor may say, and what the sensor of a log is called."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from oddsmap.config.config import Config
+    from oddsmap.scans.log import Log
+
+__all__ = ["check_width", "is_of_space", "may_be_called", "sensor_name", "sensor_names"]
+
+
+def sensor_names() -> dict[str, str]:
+    """What --sensor may say, and the kind of sensor model that stands for it."""
+    return {
+        "lidar2d": "beam",
+        "lidar3d": "beam",
+        "depth": "beam",
+        "sonar": "cone",
+        "tof": "cone",
+        "overhead": "overhead",
+    }
+
+
+def sensor_name(log: Log, config: Config) -> str:
+    """What --sensor would call the sensor of a log; a cone of the plane is a "sonar" here."""
+    if hasattr(log, "depth_scans"):
+        return "depth"
+    from oddsmap.poses.pose import Pose2
+    from oddsmap.scans.grid_scan import GridScan
+
+    first = next(iter(log), None)
+    if isinstance(first, GridScan):
+        return "overhead"
+    flat = first is None or isinstance(first.map_from_sensor, Pose2)
+    if config.sensor.kind == "cone":
+        return "sonar" if flat else "tof"
+    return "lidar2d" if flat else "lidar3d"
+
+
+def is_of_space(name: str) -> bool:
+    """Whether a sensor of this name makes maps of space; else they are of the plane."""
+    return name in ("lidar3d", "depth", "tof")
+
+
+def may_be_called(name: str, stated: str) -> bool:
+    """Whether --sensor may call a sensor so: sonars and time-of-flight sensors are both cones."""
+    return stated == name or {stated, name} == {"sonar", "tof"}
+
+
+def check_width(log: Log, stated: str | None) -> None:
+    """Refuse the name of another sensor for wide beams: their width would be lost.
+
+    Raises:
+        ConfigError: --sensor does not stand for cones, and the log's beams are.
+    """
+    from oddsmap.errors import ConfigError
+
+    width = log.sensor.get("cone_deg")
+    if width is None or stated is None or sensor_names()[stated] == "cone":
+        return
+    raise ConfigError(
+        f"{log.path}: beams are {width:g} degrees wide, --sensor {stated} would lose that: leave "
+        "it out, or say sonar or tof (--set sensor.kind=beam maps their axes alone)"
+    )
