@@ -24,9 +24,24 @@ class SettingLayers:
 
     Args:
         layers: where each comes from, for error messages, and what it sets; the strongest last.
+
+    Raises:
+        ConfigError: there is no such kind of sensor.
     """
 
     layers: tuple[tuple[str, Layer], ...]
+
+    def __post_init__(self) -> None:
+        from oddsmap.errors import ConfigError
+        from oddsmap.sensors.registry import KINDS
+
+        # A log is asked for the fields of its kind of sensor, before a Config checks the kind.
+        for where, values in self.layers:
+            kind = values.get("sensor", {}).get("kind", "beam")
+            if kind not in tuple(KINDS):  # a list of TOML is no key of a dictionary
+                raise ConfigError(
+                    f"{where}: sensor.kind is one of {', '.join(KINDS)}, got {kind!r}"
+                )
 
     def __iter__(self) -> Iterator[tuple[str, Layer]]:
         """The layers, the strongest last."""
