@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Run the command line in this process."""
 
 from __future__ import annotations
@@ -39,6 +40,10 @@ class Outcome:
 Run = Callable[..., Outcome]
 
 
+def folder_bytes(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Run:
     def run_it(*words: object) -> Outcome:
@@ -47,8 +52,8 @@ def run(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> 
         with pytest.raises(SystemExit) as end:
             main()
         code = end.value.code
-        said = capsys.readouterr()
-        return Outcome(code if isinstance(code, int) else 0, said.out, said.err)
+        printed = capsys.readouterr()
+        return Outcome(code if isinstance(code, int) else 0, printed.out, printed.err)
 
     return run_it
 
@@ -65,3 +70,50 @@ def office(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("logs") / "office.log.gz"
     write_carmen(path, [lidar.scan(plan, pose, rng) for pose in office_drive(20)])
     return path
+
+
+@pytest.fixture
+def tilted_floor(tmp_path: Path) -> Path:
+    """A map of space: a floor of 4 x 4 m tilted by 10 %, a post on it, free space above."""
+    import numpy as np
+
+    import oddsmap
+
+    grid = oddsmap.EvidenceMap(0.1, ndim=3)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(40), np.arange(40)))
+    floor = x // 10
+    post = np.array([[30, 5, 3 + k] for k in range(1, 10)])
+    free = np.stack([x, y, floor + 5], axis=1)
+    free = free[(free[:, 0] != 30) | (free[:, 1] != 5)]
+    hits = np.concatenate([np.stack([x, y, floor], axis=1), post])
+    none = np.zeros(len(hits), np.int64)
+    grid.add_cells(hits, none + 6 * 65536, none)
+    grid.add_cells(free, none[:1].repeat(len(free)), np.full(len(free), 6 * 65536))
+    grid.save(tmp_path / "space.zarr")
+    return tmp_path / "space.zarr"
+
+
+@pytest.fixture(scope="session")
+def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Maps of the plane, one of another resolution and one of scan votes, and maps of space."""
+    import numpy as np
+
+    import oddsmap
+
+    folder = tmp_path_factory.mktemp("maps")
+    rng = np.random.default_rng(5)
+    for name, resolution, votes, ndim in (
+        ("hall", 0.1, "beam", 2), ("old", 0.1, "beam", 2), ("coarse", 0.3, "beam", 2),
+        ("scans", 0.1, "scan", 2), ("space", 0.1, "beam", 3), ("before", 0.1, "beam", 3),
+    ):  # fmt: skip
+        grid = oddsmap.EvidenceMap(resolution, votes=votes, ndim=ndim)
+        reach = 10 if ndim == 2 else 3
+        index = np.unique(rng.integers(-reach, reach + 2, (150, ndim)), axis=0)
+        grid.add_cells(index, *(rng.integers(0, 9, (2, len(index))) * 65536))
+        grid.save(folder / f"{name}.zarr")
+    oddsmap.load_map(folder / "old.zarr").log_odds().save_ros(folder / "old.yaml", mode="scale")
+    before = oddsmap.load_map(folder / "before.zarr").log_odds()
+    before.save_octomap(folder / "before.ot")
+    before.save_octomap(folder / "before.bt")
+    (folder / "notes.txt").write_text("no map")
+    return folder

@@ -1,4 +1,5 @@
-"""`oddsmap export`, `info` and `demo`."""
+# SPDX-License-Identifier: Apache-2.0
+"""`oddsmap export` of maps of the plane, and requests that no view can serve."""
 
 from __future__ import annotations
 
@@ -56,7 +57,7 @@ def test_png(run: Run, saved: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["x.tiff"], "the suffix says what to write"),
         (["x.npz", "--prior", "2"], "prior is a probability"),
@@ -66,9 +67,9 @@ def test_png(run: Run, saved: Path, tmp_path: Path) -> None:
     ],
 )
 def test_export_failures(
-    run: Run, saved: Path, tmp_path: Path, words: list[str], said: str
+    run: Run, saved: Path, tmp_path: Path, words: list[str], message: str
 ) -> None:
-    assert said in run("export", saved, tmp_path / words[0], *words[1:]).line
+    assert message in run("export", saved, tmp_path / words[0], *words[1:]).line
     assert not (tmp_path / words[0]).exists()
 
 
@@ -80,28 +81,27 @@ def test_export_refuses_what_exists(run: Run, saved: Path, tmp_path: Path) -> No
     assert not (tmp_path / "office.yaml").exists()
 
 
-def test_info_of_a_log(run: Run, office: Path) -> None:
-    facts = run("info", office, "--json").json
-    assert (facts["format"], facts["scans"], facts["beams"]) == ("CARMEN", 20, 3600)
-    assert "CARMEN" in run("info", office).out
-
-
-def test_info_of_a_map(run: Run, saved: Path) -> None:
-    facts = run("info", saved, "--json").json
-    assert facts["cells known"] == oddsmap.load_map(saved).cell_count()
-    assert facts["made from"][0]["source"] == "office.log.gz"
-    assert "resolution   0.1" in run("info", saved).out
-
-
-def test_demo(run: Run, tmp_path: Path) -> None:
-    folder = tmp_path / "demo"
-    said = run("demo", "-o", folder)
-    assert said.status == 0
-    assert {path.suffix for path in folder.iterdir()} == {".gz", ".zarr", ".yaml", ".pgm", ".png"}
-    assert oddsmap.load_map(folder / "office.zarr").cell_count() > 50_000
-    assert "exists already" in run("demo", "-o", folder).line
-
-
-def test_help_and_version(run: Run) -> None:
-    assert "oddsmap build" in run("--help").out
-    assert oddsmap.__version__ in run("--version").out
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("hall.zarr", "m.npz", "--posterior", "odds"), "known: log-odds, reflection"),
+        (("hall.zarr", "m.png", "--show", "mean"), "--show belongs to --posterior reflection"),
+        (("hall.zarr", "m.npz", "--beta-a", 2), "--beta-a belongs to --posterior reflection"),
+        (("hall.zarr", "m.npz", "--posterior", "reflection", "--prior", 0.3),
+         "--prior belongs to --posterior log"),
+        (("hall.zarr", "m.npz", "--posterior", "reflection", "--p-hit", 0.8), "not to reflection"),
+        (("hall.zarr", "m.png", "--mode", "raw"), "--mode says how a ROS map is written"),
+    ],
+)  # fmt: skip
+def test_options_of_another_view(
+    run: Run,
+    maps: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[object, ...],
+    message: str,
+) -> None:
+    monkeypatch.chdir(maps)
+    source, name, *options = words
+    assert message in run("export", source, tmp_path / str(name), *options).line
+    assert list(tmp_path.iterdir()) == []

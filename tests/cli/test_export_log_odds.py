@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`oddsmap export` of probabilities: prior maps, and maps of space."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import oddsmap
+from tests.cli.conftest import Run
+
+
+@pytest.mark.parametrize(
+    ("source", "prior"),
+    [("hall", "old.zarr"), ("hall", "coarse.zarr"), ("hall", "old.yaml"), ("space", "before.zarr"),
+     ("space", "before.ot"), ("space", "before.bt")],
+)  # fmt: skip
+def test_a_map_as_the_prior(run: Run, maps: Path, tmp_path: Path, source: str, prior: str) -> None:
+    out = tmp_path / "m.npz"
+    assert run("export", maps / f"{source}.zarr", out, "--prior", maps / prior).status == 0
+    grid, path = oddsmap.load_map(maps / f"{source}.zarr"), maps / prior
+    belief: oddsmap.EvidenceMap | oddsmap.ProbabilityMap | oddsmap.VoxelMap
+    if prior.endswith(".zarr"):
+        belief = oddsmap.load_map(path)
+    elif prior.endswith(".yaml"):
+        belief = oddsmap.load_ros(path)
+    else:
+        belief = oddsmap.load_octomap(path)
+    want = grid.log_odds(prior=belief).cells()[1].astype(np.float32)
+    with np.load(out) as arrays:
+        assert np.array_equal(arrays["probability"], want)
+        assert not np.allclose(arrays["probability"], grid.log_odds().cells()[1])
+        assert np.array_equal(arrays["index"], grid.cells()[0])
+
+
+def test_other_outputs_have_the_prior(run: Run, maps: Path, tmp_path: Path) -> None:
+    prior = ("--prior", maps / "old.zarr")
+    assert run("export", maps / "hall.zarr", tmp_path / "a.yaml", *prior).status == 0
+    assert run("export", maps / "hall.zarr", tmp_path / "b.yaml").status == 0
+    old = oddsmap.load_map(maps / "old.zarr")
+    view = oddsmap.load_map(maps / "hall.zarr").log_odds(prior=old)
+    state = oddsmap.load_ros(tmp_path / "a.yaml").state()
+    assert np.array_equal(state == 100, view.state() == 100)
+    assert (tmp_path / "a.pgm").read_bytes() != (tmp_path / "b.pgm").read_bytes()
+    prior = ("--prior", maps / "before.zarr")
+    assert run("export", maps / "space.zarr", tmp_path / "a.ot", *prior).status == 0
+    before = oddsmap.load_map(maps / "before.zarr")
+    voxels = oddsmap.load_map(maps / "space.zarr").log_odds(prior=before).to_voxels()
+    back = oddsmap.load_octomap(tmp_path / "a.ot")
+    assert np.array_equal(back.log_odds[back.find(voxels.index)], voxels.log_odds.astype("f4"))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("hall.zarr", "m.npz", "--prior", "none.yaml"), "neither a number nor a file"),
+        (("hall.zarr", "m.npz", "--prior", "notes.txt"), "not a map that can be a prior"),
+        (("hall.zarr", "m.npz", "--prior", "hall.zarr"), "count twice"),
+        (("hall.zarr", "m.npz", "--prior", "space.zarr"), "the prior is a map of space"),
+        (("hall.zarr", "m.npz", "--prior", "before.bt"), "the prior is a map of space"),
+        (("space.zarr", "m.npz", "--prior", "old.yaml"), "the prior is a map of the plane"),
+        (("hall.zarr", "m.npz", "--prior", "nan"), "prior is a probability"),
+        (("before.bt", "m.ply", "--prior", "before.ot"), "no counts"),
+    ],
+)  # fmt: skip
+def test_wrong_requests(
+    run: Run,
+    maps: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[object, ...],
+    message: str,
+) -> None:
+    monkeypatch.chdir(maps)
+    source, name, *options = words
+    assert message in run("export", source, tmp_path / str(name), *options).line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_octomap_and_back(run: Run, tilted_floor: Path, tmp_path: Path) -> None:
+    for name in ("space.ot", "space.bt", "space.ply"):
+        assert run("export", tilted_floor, tmp_path / name).status == 0
+    view = oddsmap.load_map(tilted_floor).log_odds()
+    index, p = view.cells()
+    voxels = oddsmap.load_octomap(tmp_path / "space.ot")
+    assert np.allclose(voxels.probability[voxels.find(index)], p)
+    assert run("export", tmp_path / "space.ot", tmp_path / "again.bt").status == 0
+    assert (tmp_path / "again.bt").read_bytes() == (tmp_path / "space.bt").read_bytes()
+    options = ("--clamp", 0.1192, 0.971)
+    assert run("export", tilted_floor, tmp_path / "clamped.ot", *options).status == 0
+    clamped = oddsmap.load_octomap(tmp_path / "clamped.ot").probability
+    assert clamped.min() >= 0.1191
+    assert voxels.probability.min() < 0.1191 < 0.9711 < voxels.probability.max()
+    assert clamped.max() <= 0.9711
+
+
+@pytest.mark.parametrize("source", ["space.zarr", "space.bt"])
+def test_plane(run: Run, tilted_floor: Path, tmp_path: Path, source: str) -> None:
+    assert run("export", tilted_floor, tmp_path / "space.bt").status == 0
+    out = tmp_path / "plane.yaml"
+    band = ("--z-min", 0.3, "--z-max", 1.5, "--ground", "relative")
+    assert run("export", tmp_path / source, out, *band).status == 0
+    state = oddsmap.load_ros(out).state()
+    assert np.argwhere(state == oddsmap.State.OCCUPIED).tolist() == [[5, 30]]
+    assert np.count_nonzero(state == oddsmap.State.FREE) == 40 * 40 - 1
+    assert run("export", tmp_path / source, tmp_path / "plane.png", *band[:2]).status == 0
+    above_zero = run("export", tmp_path / source, out, *band[:4], "--force")
+    assert above_zero.status == 0
+    assert np.count_nonzero(oddsmap.load_ros(out).state() == oddsmap.State.OCCUPIED) > 300
+
+
+def test_wrong_requests_of_maps_of_space(
+    run: Run, tilted_floor: Path, tmp_path: Path, office: Path
+) -> None:
+    bt, flat = tmp_path / "space.bt", tmp_path / "flat.zarr"
+    assert run("export", tilted_floor, bt).status == 0
+    assert run("build", office, "--resolution", 0.2, "-o", flat).status == 0
+    before = sorted(tmp_path.iterdir())
+    for words, message in (
+        ((tilted_floor, "a.yaml"), "--z-min 0.2 --z-max 1.8 --ground relative"),
+        ((tilted_floor, "a.png", "--ground", "relative"), "which heights"),
+        ((tilted_floor, "a.bt", "--clamp", 0.1, 0.9), "--clamp bounds"),
+        ((tilted_floor, "a.ply", "--z-min", 1), "not a.ply"),
+        ((flat, "a.png", "--z-max", 1), "of the plane"),
+        ((flat, "a.bt"), "needs a map of space"),
+        ((bt, "a.npz"), "an OctoMap has none"),
+        ((bt, "a.ply", "--prior", 0.3), "no counts"),
+        ((tilted_floor, "a.las"), ".bt or .ot (OctoMap), .ply (points)"),
+    ):
+        source, name, *options = words
+        assert message in run("export", source, tmp_path / str(name), *options).line
+    assert sorted(tmp_path.iterdir()) == before
