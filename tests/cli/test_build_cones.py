@@ -68,8 +68,8 @@ def test_both_names_stand_for_cones(run: Run, sonar: Path, tmp_path: Path, name:
 @pytest.mark.parametrize("name", ["lidar2d", "lidar3d", "depth", "overhead"])
 def test_other_names_would_lose_the_width(run: Run, sonar: Path, tmp_path: Path, name: str) -> None:
     words = ("build", sonar, "--resolution", 0.1, "-o", tmp_path / "m.zarr", "--sensor", name)
-    said = run(*words).line
-    assert said.startswith(f"{sonar}: beams are 25 degrees wide, --sensor {name} would lose that")
+    line = run(*words).line
+    assert line.startswith(f"{sonar}: beams are 25 degrees wide, --sensor {name} would lose that")
     assert not (tmp_path / "m.zarr").exists()
 
 

@@ -11,7 +11,7 @@ from tests.cli.conftest import Run
 
 def test_a_half_life_counts_back_from_the_last_scan(run: Run, office: Path, tmp_path: Path) -> None:
     out, plain = tmp_path / "fading.zarr", tmp_path / "plain.zarr"
-    said = run(
+    done = run(
         "build", office, "--resolution", 0.2, "--set", "map.half_life=5", "-o", out, "--json"
     )
     whole = run("build", office, "--resolution", 0.2, "-o", plain, "--json").json
@@ -20,7 +20,7 @@ def test_a_half_life_counts_back_from_the_last_scan(run: Run, office: Path, tmp_
     grid = oddsmap.load_map(out)
     assert (grid.config.map.half_life, grid.config.map.t_ref_ns) == (5, last)
     assert grid.provenance[0]["t_ref_ns"] == last
-    assert 0.0 < said.json["hits"] < whole["hits"]
+    assert 0.0 < done.json["hits"] < whole["hits"]
     # Two logs of one time: the same last scan.
     twice = tmp_path / "twice.zarr"
     run("build", office, office, "--resolution", 0.2, "--set", "map.half_life=5", "-o", twice)
@@ -30,11 +30,11 @@ def test_a_half_life_counts_back_from_the_last_scan(run: Run, office: Path, tmp_
 
 
 def test_an_early_reference_is_one_line(run: Run, office: Path, tmp_path: Path) -> None:
-    said = run(
+    done = run(
         "build", office, "--resolution", 0.2, "--set", "map.half_life=5",
         "--set", "map.t_ref_ns=1", "-o", tmp_path / "x.zarr",
     )  # fmt: skip
-    assert "later than the map's t_ref_ns 1" in said.line
+    assert "later than the map's t_ref_ns 1" in done.line
     assert not (tmp_path / "x.zarr").exists()
 
 

@@ -23,14 +23,14 @@ def test_what_is_found_is_what_build_takes(run: Run, sonar: Path, tmp_path: Path
     words = ("--resolution", CELL, "--set", "sensor.sigma=0.1", "--set", "sensor.p_random=0.02")
     done = run("calibrate", sonar, *words, "-o", toml, "--json")
     assert done.status == 0
-    said = done.json
-    assert set(said["parameters"]) == {"cone_deg", "detection", "p_random", "p_dropout", "sigma"}
-    assert set(said["standard_errors"]) == set(said["parameters"])
-    assert said["beams"] == 360
-    assert 0.01 < said["parameters"]["sigma"] < 0.05
+    facts = done.json
+    assert set(facts["parameters"]) == {"cone_deg", "detection", "p_random", "p_dropout", "sigma"}
+    assert set(facts["standard_errors"]) == set(facts["parameters"])
+    assert facts["beams"] == 360
+    assert 0.01 < facts["parameters"]["sigma"] < 0.05
     assert run("build", sonar, "--resolution", CELL, "--config", toml, "-o", out).status == 0
     stored = load_map(out).config.to_dict()["sensor"]
-    for name, value in said["parameters"].items():
+    for name, value in facts["parameters"].items():
         assert stored[name] == pytest.approx(value, rel=1e-4)
     assert (stored["kind"], stored["range_max"]) == ("cone", 2.5)
 
@@ -56,8 +56,8 @@ def test_words(run: Run, sonar: Path, tmp_path: Path) -> None:
 def test_a_log_without_no_returns(run: Run, sonar: Path, tmp_path: Path) -> None:
     toml, bare = tmp_path / "sensor.toml", tmp_path / "bare.npz"
     with np.load(sonar) as arrays:
-        beams, said = arrays["beams"], {k: v for k, v in arrays.items() if k != "beams"}
-    np.savez(bare, beams=beams[beams[:, 3] < 2.5], **said)
+        beams, rest = arrays["beams"], {k: v for k, v in arrays.items() if k != "beams"}
+    np.savez(bare, beams=beams[beams[:, 3] < 2.5], **rest)
     words = ("calibrate", bare, "--resolution", CELL, "--noise-only", "-o", toml)
     note = "the log has no no-returns: p_dropout cannot be told from it; kept at 0.05"
     done = run(*words)

@@ -122,7 +122,7 @@ def test_failures_write_nothing(run: Run, seen: Path, tmp_path: Path) -> None:
     single = tmp_path / "single.csv"
     single.write_text("x,y,theta,bearing,id\n0,0,0,1,1\n", encoding="utf-8")
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    for words, said in (
+    for words, message in (
         ((seen, "-o", tmp_path / "m.txt"), "the suffix says what to write"),
         ((seen, "-o", nameless), "exists already; use --force"),
         ((seen, "-o", seen, "--force"), "is the input"),
@@ -135,7 +135,7 @@ def test_failures_write_nothing(run: Run, seen: Path, tmp_path: Path) -> None:
         ((single, "-o", tmp_path / "m.csv"), "do not cross"),
         ((tmp_path / "gone.csv", "-o", tmp_path / "m.csv"), "no such file"),
     ):
-        assert said in run("landmarks", *words).line
+        assert message in run("landmarks", *words).line
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert run("landmarks", seen).status == 2
     assert run("landmarks", seen, "--min-count", 0, "-o", tmp_path / "m.csv").status == 2

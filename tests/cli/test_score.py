@@ -75,11 +75,11 @@ def test_held_out_scans_are_scored_and_were_not_mapped(
     grid = load_full_map(full)
     assert sum(entry["scans"] for entry in grid.provenance) == len(kept) == 27
     expected = score_map(grid, held, grid.config.sensor)
-    said = run("score", full, sonar, "--held-out", "--json").json
-    assert said["log_likelihood"] == expected.log_likelihood
-    assert said["ece"] == expected.ece
-    assert [entry["count"] for entry in said["reliability"]] == expected.reliability.count.tolist()
-    assert said["log_likelihood"] > said["constant_log_likelihood"]
+    facts = run("score", full, sonar, "--held-out", "--json").json
+    assert facts["log_likelihood"] == expected.log_likelihood
+    assert facts["ece"] == expected.ece
+    assert [entry["count"] for entry in facts["reliability"]] == expected.reliability.count.tolist()
+    assert facts["log_likelihood"] > facts["constant_log_likelihood"]
 
 
 def test_words(run: Run, sonar: Path, full: Path, tmp_path: Path) -> None:
