@@ -10,7 +10,6 @@ import pytest
 
 from oddsmap.cli.sensor_names import (
     check_width,
-    is_of_space,
     may_be_called,
     sensor_name,
     sensor_names,
@@ -51,7 +50,6 @@ def test_the_sensor_of_a_log(tmp_path: Path, arrays: dict[str, object], name: st
     config = read_layers(None, ["map.resolution=1"]).resolve(log)
     assert sensor_name(log, config) == name
     assert config.sensor.kind == sensor_names()[name]
-    assert is_of_space(name) == (name in ("lidar3d", "tof"))
     for stated in sensor_names():
         cones = {name, stated} == {"sonar", "tof"}
         assert may_be_called(name, stated) == (stated == name or cones)
@@ -61,7 +59,3 @@ def test_the_sensor_of_a_log(tmp_path: Path, arrays: dict[str, object], name: st
             with pytest.raises(ConfigError, match=f"--sensor {stated} would lose that"):
                 check_width(log, stated)
     check_width(log, None)
-
-
-def test_depth_images_make_maps_of_space() -> None:
-    assert is_of_space("depth")

@@ -91,7 +91,7 @@ def _of_log(log: Log) -> dict[str, Any]:
     facts: dict[str, Any] = {
         "log": log.path,
         "format": log.format,
-        "scans": len(log),
+        "scans": log.scan_count,
         "beams": int(sum(beams)),
         "beams/scan": sorted({min(beams), max(beams)}) if beams else [],
         "path [m]": float(np.nansum(steps)),

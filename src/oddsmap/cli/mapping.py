@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps
-from oddsmap.cli.sensor_names import is_of_space
 from oddsmap.cli.summary import facts_of, facts_of_full_map
 
 if TYPE_CHECKING:
@@ -37,7 +36,8 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     from oddsmap.scans.report import Report
 
     evidence, total = _empty_map(opened), Report()
-    scans = sum(len(part.log) for part in opened.logs)
+    counts = [part.log.scan_count for part in opened.logs]
+    scans = None if None in counts else sum(count or 0 for count in counts)
     with progress_of_logs(scans, quiet=plan.quiet) as advance:
         for part in opened.logs:
             report = add_log(
@@ -46,7 +46,7 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
                 sensor=part.config.sensor,
                 method=plan.method,
                 threads=plan.threads,
-                progress=advance(part.log),
+                progress=advance(),
             )
             total.add(report.scans, report.beams, report.skipped)
             total.integrate_s += report.integrate_s
@@ -60,6 +60,7 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
 def _empty_map(opened: OpenedLogs) -> EvidenceMap:
     """The map to fill, by the configuration of the first log."""
     from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.integrate.add import ndim_of
     from oddsmap.integrate.forgetting import last_stamp
 
     config = opened.logs[0].config
@@ -74,7 +75,7 @@ def _empty_map(opened: OpenedLogs) -> EvidenceMap:
         path_lengths=config.map.path_lengths,
         sensor=config.sensor,
         posterior=config.posterior,
-        ndim=3 if is_of_space(opened.sensor) else 2,
+        ndim=ndim_of(next(iter(opened.logs[0].log), None)),
     )
 
 

@@ -32,13 +32,13 @@ class OpenedLogs:
     Args:
         logs: one or more.
         sensor: what --sensor would call their sensor, the same for all.
-        held_out: how many scans are kept back.
+        held_out: how many scans are kept back; None where a log does not know its length.
         read_s: how long it took to open them [s].
     """
 
     logs: list[OpenedLog]
     sensor: str
-    held_out: int
+    held_out: int | None
     read_s: float
 
 
@@ -62,9 +62,16 @@ def open_logs(plan: BuildPlan) -> OpenedLogs:
             for log, config in zip(logs, configs, strict=True)
         ],
         sensor=sensor,
-        held_out=0 if every is None else sum(len(log) // every for log in logs),
+        held_out=_held_out(logs, every),
         read_s=read_s,
     )
+
+
+def _held_out(logs: list[Log], every: int | None) -> int | None:
+    counts = [log.scan_count for log in logs]
+    if every is None:
+        return 0
+    return None if None in counts else sum((count or 0) // every for count in counts)
 
 
 def _only_sensor(plan: BuildPlan, logs: list[Log], configs: list[Config]) -> str:

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from oddsmap.scans.log import Log
-
 __all__ = ["progress_of_fit", "progress_of_logs", "progress_of_sweeps"]
 
 # The first run compiles for some seconds before the first scan is done.
@@ -20,17 +18,27 @@ _GETTING_READY = "getting ready (compiles once a machine)"
 
 @contextmanager
 def progress_of_logs(
-    total: int, *, quiet: bool
-) -> Iterator[Callable[[Log], Callable[[int], None]]]:
-    """A bar on stderr; gives a function that makes the callback for one log."""
+    total: int | None, *, quiet: bool
+) -> Iterator[Callable[[], Callable[[int], None]]]:
+    """A bar on stderr; gives a function that makes the callback for the next log.
+
+    Args:
+        total: how many scans there are; None where that is not known.
+        quiet: True: no bar.
+    """
     with _bar(quiet=quiet) as bar:
         task = bar.add_task(_GETTING_READY, total=total)
-        done_before = 0
+        done = 0
 
-        def advance(log: Log) -> Callable[[int], None]:
-            nonlocal done_before
-            before, done_before = done_before, done_before + len(log)
-            return lambda done: bar.update(task, description="mapping", completed=before + done)
+        def advance() -> Callable[[int], None]:
+            before = done
+
+            def of_log(count: int) -> None:
+                nonlocal done
+                done = before + count
+                bar.update(task, description="mapping", completed=done)
+
+            return of_log
 
         yield advance
 

@@ -9,40 +9,29 @@ if TYPE_CHECKING:
     from oddsmap.config.config import Config
     from oddsmap.scans.log import Log
 
-__all__ = ["check_width", "is_of_space", "may_be_called", "sensor_name", "sensor_names"]
+__all__ = ["check_width", "may_be_called", "sensor_name", "sensor_names"]
 
 
 def sensor_names() -> dict[str, str]:
     """What --sensor may say, and the kind of sensor model that stands for it."""
-    return {
-        "lidar2d": "beam",
-        "lidar3d": "beam",
-        "depth": "beam",
-        "sonar": "cone",
-        "tof": "cone",
-        "overhead": "overhead",
-    }
+    from oddsmap.sensors.registry import NAMES
+
+    return NAMES
 
 
 def sensor_name(log: Log, config: Config) -> str:
-    """What --sensor would call the sensor of a log; a cone of the plane is a "sonar" here."""
-    if hasattr(log, "depth_scans"):
-        return "depth"
-    from oddsmap.poses.pose import Pose2
-    from oddsmap.scans.grid_scan import GridScan
+    """What --sensor would call the sensor of a log; a 2D cone is a "sonar" here."""
+    from oddsmap.integrate.add import ndim_of
+    from oddsmap.scans.depth_image import DepthScan
 
     first = next(iter(log), None)
-    if isinstance(first, GridScan):
-        return "overhead"
-    flat = first is None or isinstance(first.map_from_sensor, Pose2)
-    if config.sensor.kind == "cone":
+    kind, flat = config.sensor.kind, ndim_of(first) == 2
+    if kind == "beam":
+        deep = "depth" if isinstance(first, DepthScan) else "lidar3d"
+        return "lidar2d" if flat else deep
+    if kind == "cone":
         return "sonar" if flat else "tof"
-    return "lidar2d" if flat else "lidar3d"
-
-
-def is_of_space(name: str) -> bool:
-    """Whether a sensor of this name makes maps of space; else they are of the plane."""
-    return name in ("lidar3d", "depth", "tof")
+    return config.sensor.names[0]
 
 
 def may_be_called(name: str, stated: str) -> bool:

@@ -68,9 +68,8 @@ class SettingLayers:
         from oddsmap.sensors.registry import stated_of_sensor
 
         kind = self.sensor_kind()
-        # The first reading tells the kind where nobody does; a depth image costs time to read.
-        needless = kind is not None or hasattr(log, "depth_scans")
-        first = None if needless else next(iter(log), None)
+        # The first reading tells the kind where nobody does.
+        first = None if kind is not None else next(iter(log), None)
         return resolve(("log", {"sensor": stated_of_sensor(log, kind, first=first)}), *self.layers)
 
     def resolve_above(self, stored: Config, log: Log) -> Config:

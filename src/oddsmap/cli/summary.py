@@ -59,7 +59,7 @@ def say(facts: dict[str, Any]) -> None:
     """Say in words what `oddsmap build` has done."""
     line = typer.echo
     line(f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
-    if "held_out" in facts:
+    if facts.get("held_out") is not None:
         line(f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
     for reason, count in sorted(facts["skipped"].items()):
         line(f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")

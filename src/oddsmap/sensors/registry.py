@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, cast
 
+from oddsmap.errors import ConfigError
 from oddsmap.scans.grid_scan import GridScan
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import Sensor
@@ -42,12 +43,17 @@ def stated_of_sensor(
         log: any log.
         kind: the kind of sensor; default: as the log's readings are.
         first: the first of them.
+
+    Raises:
+        ConfigError: there is no sensor model of this kind.
     """
     stated: Mapping[str, float] = getattr(log, "sensor", {})
     if kind is None and isinstance(first, GridScan):
         kind = OverheadSensor.kind
     elif kind is None:
         kind = ConeSensor.kind if "cone_deg" in stated else BeamSensor.kind
+    if kind not in KINDS:
+        raise ConfigError(f"sensor.kind is one of {', '.join(KINDS)}, got {kind!r}")
     fields = {field.name for field in dataclasses.fields(KINDS[kind])}
     return {"kind": kind} | {name: value for name, value in stated.items() if name in fields}
 
