@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What programs do to make and to judge maps, each in a few tenths of a second.
+
+A workload prepares what it needs in a folder of its own and gives what is to be repeated.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import oddsmap
+from oddsmap import simulate
+
+Repeat = Callable[[], object]
+Workload = Callable[[Path], Repeat]
+
+CELL = 0.1
+# Of full maps: the more cells a beam has, the larger are the arrays that a kernel works in.
+FINE = 0.05
+SONAR = oddsmap.ConeSensor(cone_deg=25.0, range_max=4.0)
+TOF = oddsmap.ConeSensor(cone_deg=8.0, range_max=3.0)
+LIDAR = oddsmap.BeamSensor(range_max=20.0, sigma=0.05)
+FADING = oddsmap.BeamSensor(fade=0.5, hit_width=0.2)
+
+
+# ---- what sensors see ------------------------------------------------------------------------
+
+
+@cache
+def truth() -> npt.NDArray[np.bool_]:
+    """The office in cells."""
+    return simulate.office_plan().rasterise(CELL, (0, 0), (200, 140))
+
+
+@cache
+def sonar() -> list[oddsmap.Scan]:
+    """Rings of 24 cones, in a part of the office."""
+    ring, rng = simulate.Sonar2D(beam_count=24, range_max=4.0), np.random.default_rng(0)
+    return [ring.scan(truth(), CELL, pose, rng) for pose in simulate.office_drive()[:24]]
+
+
+def few() -> list[oddsmap.Scan]:
+    """The first of them: what a kernel loses it loses with each call, however few its beams."""
+    return sonar()[:12]
+
+
+@cache
+def lidar() -> list[oddsmap.Scan]:
+    """Fans of narrow beams all over the office, two a second."""
+    fan, plan, rng = simulate.Lidar2D(), simulate.office_plan(), np.random.default_rng(0)
+    poses = enumerate(simulate.office_drive(60))
+    return [fan.scan(plan, pose, rng, stamp_ns=i * 500_000_000) for i, pose in poses]
+
+
+@cache
+def overhead() -> list[oddsmap.GridScan]:
+    """Pictures of the floor."""
+    camera, plan = simulate.OverheadCamera(), simulate.office_plan()
+    rng = np.random.default_rng(0)
+    return [camera.scan(plan, pose, rng) for pose in simulate.office_drive(30)]
+
+
+@cache
+def space(rings: int, columns: int, count: int) -> list[oddsmap.Scan]:
+    """Turns of a lidar in a room, a tenth of a second apart."""
+    turn = simulate.Lidar3D(ring_count=rings, column_count=columns, range_max=8.0)
+    world, rng = simulate.room(), np.random.default_rng(0)
+    poses = enumerate(simulate.room_walk(count))
+    return [turn.scan(world, pose, rng, stamp_ns=i * 100_000_000) for i, pose in poses]
+
+
+def turns() -> list[oddsmap.Scan]:
+    """Many beams."""
+    return space(16, 90, 4)
+
+
+def tof() -> list[oddsmap.Scan]:
+    """Few beams, to be taken as wide."""
+    return space(4, 16, 6)
+
+
+@cache
+def images() -> list[Any]:
+    """Depth images of 160 x 120 pixels."""
+    whole = simulate.DepthCamera().camera
+    smaller = {name: getattr(whole, name) / 4 for name in ("fx", "fy", "cx", "cy")}
+    camera = dataclasses.replace(whole, width=160, height=120, **smaller)
+    world, rng = simulate.room(), np.random.default_rng(0)
+    eye = simulate.DepthCamera(camera=camera)
+    return [eye.scan(world, pose, rng) for pose in simulate.room_walk(4)]
+
+
+@cache
+def plane() -> oddsmap.EvidenceMap:
+    """Evidence of the plane, with lengths."""
+    return oddsmap.build_map(lidar(), CELL, votes="beam", path_lengths=True)
+
+
+@cache
+def room() -> oddsmap.EvidenceMap:
+    """Evidence of space."""
+    return oddsmap.build_map(turns(), 0.2, votes="beam")
+
+
+@cache
+def full_map() -> oddsmap.FullMap:
+    """A full map; its `config` is what the other estimators of full maps take, too."""
+    settings = oddsmap.FullMapConfig(sweeps=2, burn_in=1)
+    return oddsmap.build_full_map(sonar(), FINE, sensor=SONAR, settings=settings)
+
+
+def view() -> oddsmap.LogOdds:
+    """A view of the plane."""
+    return plane().log_odds()
+
+
+# ---- maps ------------------------------------------------------------------------------------
+
+
+def mapping(scans: Callable[[], list[Any]], **options: Any) -> Workload:
+    return lambda _: partial(oddsmap.build_map, scans(), CELL, threads=2, **options)
+
+
+def adding(_: Path) -> Repeat:
+    """The same scans into one map, time and again: counts go up, memory does not."""
+    grid = oddsmap.EvidenceMap(CELL)
+    return partial(oddsmap.add_scans, grid, lidar(), threads=2)
+
+
+def merging(_: Path) -> Repeat:
+    def repeat() -> None:
+        grid = plane().like()
+        grid.merge(plane())
+        grid.crop((20, 20), (150, 100)).bounds()
+
+    return repeat
+
+
+def full_maps(
+    scans: Callable[[], list[Any]], sensor: oddsmap.ConeSensor, **settings: Any
+) -> Workload:
+    """One of each scan: some kernels are called for each sweep, others once a map."""
+    chosen = oddsmap.FullMapConfig(samples=4, burn_in=1, tolerance=0.0, **settings)
+
+    def repeat() -> None:
+        for scan in scans():
+            oddsmap.build_full_map([scan], FINE, sensor=sensor, settings=chosen, threads=2)
+
+    return lambda _: repeat
+
+
+def sampling(_: Path) -> Repeat:
+    def repeat() -> None:
+        estimator = oddsmap.FullMapEstimator(full_map().config, threads=2)
+        estimator.add_log(few())
+        estimator.sample(2, every=2)
+
+    return repeat
+
+
+def online_anew(_: Path) -> Repeat:
+    def repeat() -> None:
+        estimator = oddsmap.OnlineFullMap(full_map().config)
+        estimator.add_scans(sonar())
+        estimator.view()
+
+    return repeat
+
+
+def online_on(_: Path) -> Repeat:
+    """One estimator where a robot drives the same way, time and again."""
+    estimator = oddsmap.OnlineFullMap(full_map().config)
+    return partial(estimator.add_scans, sonar())
+
+
+def reflection_maps(**options: Any) -> Workload:
+    """One of each scan, likewise."""
+
+    def repeat() -> None:
+        for scan in few():
+            oddsmap.build_reflection_map([scan], FINE, sensor=SONAR, sweeps=4, **options)
+
+    return lambda _: repeat
+
+
+def calibrating(scans: Callable[[], list[Any]], sensor: Any, **options: Any) -> Workload:
+    settings = oddsmap.FullMapConfig(sweeps=2)
+    return lambda _: partial(
+        oddsmap.calibrate, scans(), CELL, sensor=sensor, settings=settings, updates=2, threads=2,
+        **options,
+    )  # fmt: skip
+
+
+def scoring(belief: Callable[[], Any], scans: Callable[[], list[Any]], sensor: Any) -> Workload:
+    return lambda _: partial(oddsmap.score_map, belief(), scans(), sensor)
+
+
+def evaluating(_: Path) -> Repeat:
+    p = np.random.default_rng(0).random((400, 400))
+    return partial(oddsmap.evaluate, p, p > 0.4)
+
+
+def exact(_: Path) -> Repeat:
+    rng = np.random.default_rng(0)
+    model = SONAR.forward_model()
+    ways = np.tile([[1.0, 0.0]], (20, 1))
+    origins = np.stack([np.zeros(20), rng.uniform(0.0, 0.4, 20)], axis=1)
+
+    def repeat() -> None:
+        window = oddsmap.Window((rng.random((4, 3)) < 0.3).astype(float), CELL, np.array([5, 0]))
+        beams = model.simulate(origins, ways, window, rng)
+        beams = oddsmap.Beams(beams.origins, beams.directions, beams.ranges)
+        posterior = oddsmap.ExactPosterior((4, 3), resolution=CELL, lo=(5, 0), coupling=0.5)
+        posterior.update(beams, oddsmap.ForwardModel(cone_deg=25.0, range_max=4.0))
+        posterior.marginals()
+        posterior.sample(100, rng)
+
+    return repeat
