@@ -267,3 +267,53 @@ def test_the_lazy_table_and_the_type_checkers_see_the_same() -> None:
 def test_an_unknown_name() -> None:
     with pytest.raises(AttributeError, match="no attribute 'occupancy'"):
         oddsmap.occupancy  # noqa: B018
+
+
+# What makes code of data, by the name that it is called or imported by.
+CODE_OF_DATA = {
+    "eval", "exec", "compile", "__import__",
+    "yaml.load", "yaml.load_all", "yaml.full_load", "yaml.full_load_all",
+    "yaml.unsafe_load", "yaml.unsafe_load_all",
+    "pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve",
+    "os.system", "os.popen",
+}  # fmt: skip
+UNSAFE_OPTIONS = {"allow_pickle", "shell"}
+
+
+def code_of_data(tree: ast.AST) -> set[str]:
+    """What in a module would run what it reads, by name."""
+    found = {name for name in imports(tree, lazy=True) if {name, name.split(".")[0]} & CODE_OF_DATA}
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        # A function handed on under another name is found by its import, or where it is called.
+        if (name := ast.unparse(node.func)) in CODE_OF_DATA:
+            found.add(name)
+        for option in node.keywords:
+            safe = isinstance(option.value, ast.Constant) and option.value.value is False
+            if option.arg in UNSAFE_OPTIONS and not safe:
+                found.add(str(option.arg))
+    return found
+
+
+def test_this_test_sees_code_of_data() -> None:
+    for code, name in (
+        ("def f(x):\n    import yaml\n    return yaml.load(x, yaml.SafeLoader)", "yaml.load"),
+        ("from yaml import unsafe_load", "yaml.unsafe_load"),
+        ("def f():\n    import pickle", "pickle"),
+        ("from pickle import loads", "pickle.loads"),
+        ("eval('1')", "eval"),
+        ("np.load(path, allow_pickle=True)", "allow_pickle"),
+        ("np.load(path, allow_pickle=wanted)", "allow_pickle"),
+        ("subprocess.run(words, shell=True)", "shell"),
+        ("os.system('ls')", "os.system"),
+    ):
+        assert code_of_data(ast.parse(code)) == {name}
+    fine = "yaml.safe_load(x)\nnp.load(x, allow_pickle=False)\nre.compile(x)\nself.eval(x)"
+    assert code_of_data(ast.parse(fine)) == set()
+
+
+@pytest.mark.parametrize("module", SOURCES)
+def test_what_is_read_is_never_run(module: str) -> None:
+    tree = ast.parse(SOURCES[module].read_text(encoding="utf-8"))
+    assert code_of_data(tree) == set()

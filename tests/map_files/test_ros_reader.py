@@ -169,3 +169,22 @@ class TestRealMaps:
         found, count = np.unique(grid.state(), return_counts=True)
         assert found.tolist() == [-1, 0, 100]
         assert count.tolist() == [138683, 7903, 870]
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "!!python/object/apply:pathlib.Path.touch [!!python/object/apply:pathlib.Path [{made}]]",
+        "!!python/object/apply:os.mkdir [{made}]",
+        "!!python/object/new:os.mkdir [{made}]",
+        "!!python/name:os.mkdir",
+        "!!python/module:os",
+        "!!python/tuple [0, 0, 0]",
+    ],
+)
+def test_a_yaml_runs_no_code(tmp_path: Path, value: str) -> None:
+    made = tmp_path / "made"
+    path = write_map(tmp_path, GREYS, origin=value.format(made=made))
+    with pytest.raises(InputError, match="not YAML"):
+        load_ros(path)
+    assert not made.exists()

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which side of a border belongs to what, as docs/conventions.md has it: on the number itself.
+
+Next to it, one bit away, lies the other side.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from oddsmap import (
+    BeamSensor,
+    ConeSensor,
+    EvidenceMap,
+    Pose2,
+    Pose3,
+    Scan,
+    State,
+    Thresholds,
+    build_map,
+    load_ros,
+    project,
+)
+from oddsmap.ground import GroundPlane
+from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.sensors.inverse_model import logit
+from tests.cli.conftest import Run
+from tests.cli.conftest import run as run  # a fixture
+from tests.kit import ONE
+from tests.test_reasons import Counts, filtered, full, online, projected, reflected, scored
+
+
+def below(value: float) -> float:
+    return math.nextafter(value, -math.inf)
+
+
+def above(value: float) -> float:
+    return math.nextafter(value, math.inf)
+
+
+# ---- readings ---------------------------------------------------------------------------------
+
+MIN, MAX = 0.125, 3.0
+
+
+def scan(d: int, *ranges: float, ahead: int = 0) -> Scan:
+    pose = Pose2(0.25, 0.25, 0.0) if d == 2 else Pose3(np.eye(3), np.full(3, 0.25))
+    return Scan(pose, np.eye(d)[[ahead] * len(ranges)], np.array(ranges))
+
+
+# A single pixel, on the axis of the camera: its depth is its range.
+PIXEL = PinholeCamera(fx=1.0, fy=1.0, cx=0.0, cy=0.0, width=1, height=1)
+
+
+def image(depth: float) -> DepthScan:
+    # Of 64 bits: in 32 there is no number next to these.
+    pixels: Any = np.array([[depth]])
+    return DepthScan(Pose3(np.eye(3), np.full(3, 0.25)), pixels, PIXEL)
+
+
+LIMITS: dict[str, Any] = {"range_min": MIN, "range_max": MAX}
+BEAM, CONE = BeamSensor(**LIMITS), ConeSensor(cone_deg=10.0, **LIMITS)
+CLEARING = BeamSensor(**LIMITS, clear_range=2.0)
+
+Way = tuple[Callable[..., Counts], Callable[[float], Any], Any, bool]
+# A way to a map, a reading, the sensor, and whether range_max itself is skipped there.
+WAYS: dict[str, Way] = {
+    "plane": (filtered, lambda z: scan(2, z), BEAM, True),
+    "space": (filtered, lambda z: scan(3, z), BEAM, True),
+    "cones": (filtered, lambda z: scan(2, z), CONE, True),
+    "cones of space": (filtered, lambda z: scan(3, z), CONE, True),
+    "images": (filtered, image, BEAM, True),
+    "images by projection": (projected, image, BEAM, True),
+    "full map": (full, lambda z: scan(2, z), BEAM, True),
+    "full map of cones": (full, lambda z: scan(2, z), CONE, False),
+    "online": (online, lambda z: scan(2, z), BEAM, True),
+    "reflection map": (reflected, lambda z: scan(2, z), CONE, False),
+    "scores": (scored, lambda z: scan(2, z), BEAM, True),
+    "clearing": (filtered, lambda z: scan(2, z), CLEARING, False),
+    "full map, clearing": (full, lambda z: scan(2, z), CLEARING, False),
+}
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_limits_of_range(name: str) -> None:
+    """range_min is a reading, range_max is none any more."""
+    way, reading, sensor, skipped_at_max = WAYS[name]
+    nothing: dict[str, int] = {}
+    short = {"beam.below_range_min": 1, "scan.empty": 1}
+    long = {"beam.no_return": 1, "scan.empty": 1} if skipped_at_max else nothing
+    for z, want in (
+        (below(MIN), short),
+        (MIN, nothing),
+        (below(MAX), nothing),
+        (MAX, long),
+        (above(MAX), long),
+    ):
+        assert dict(way([reading(1.0), reading(z)], sensor)) == want, z
+
+
+def hits_of(scan: Any, sensor: Any, **more: Any) -> int:
+    return int(build_map([scan], 0.5, sensor=sensor, **more).cells()[1].sum())
+
+
+@pytest.mark.parametrize("sensor", [BEAM, CLEARING, CONE])
+def test_a_return_just_short_of_range_max_marks(sensor: Any) -> None:
+    assert hits_of(scan(2, below(MAX)), sensor) > 0
+    assert hits_of(scan(2, 1.0, MAX), sensor) == hits_of(scan(2, 1.0), sensor)
+
+
+# ---- filters ----------------------------------------------------------------------------------
+
+# The return is 1 m from a sensor at 0.25 m.
+FILTERS: list[tuple[dict[str, float], bool]] = [
+    ({"mark_z_max": 1.25}, True),
+    ({"mark_z_max": below(1.25)}, False),
+    ({"mark_z_min": 1.25}, True),
+    ({"mark_z_min": above(1.25)}, False),
+]
+SENSORS: dict[str, tuple[Callable[..., Any], str]] = {
+    "beams": (BeamSensor, "rays"),
+    "cones": (lambda **fields: ConeSensor(cone_deg=10.0, **fields), "rays"),
+}
+IMAGES: dict[str, tuple[Callable[..., Any], str]] = {
+    "images": (BeamSensor, "rays"),
+    "images by projection": (BeamSensor, "projective"),
+}
+
+
+@pytest.mark.parametrize(("heights", "marks"), FILTERS)
+@pytest.mark.parametrize("name", [*SENSORS, *IMAGES])
+def test_a_return_at_the_limit_of_heights_marks(
+    name: str, heights: dict[str, float], marks: bool
+) -> None:
+    make, method = (SENSORS | IMAGES)[name]
+    reading = image(1.0) if name in IMAGES else scan(3, 1.0, ahead=2)
+    counts = (projected if method == "projective" else filtered)([reading], make(**heights))
+    assert dict(counts) == ({} if marks else {"hit.outside_heights": 1})
+    assert (hits_of(reading, make(**heights), method=method) > 0) == marks
+
+
+@pytest.mark.parametrize("name", [*SENSORS, *IMAGES])
+def test_a_return_on_the_border_of_the_body_does_not_mark(name: str) -> None:
+    make, method = (SENSORS | IMAGES)[name]
+    way = projected if method == "projective" else filtered
+    for axis in (2,) if name in IMAGES else (0, 1, 2):
+        reading = image(1.0) if name in IMAGES else scan(3, 1.0, ahead=axis)
+        for low, high, on_body in (
+            (-1.0, 1.0, True),
+            (-1.0, below(1.0), False),
+            (1.0, 2.0, True),
+            (above(1.0), 2.0, False),
+        ):
+            corners = np.array([[-1.0] * 3, [1.0] * 3])
+            corners[:, axis] = low, high
+            body = {"body_min": tuple(corners[0].tolist()), "body_max": tuple(corners[1].tolist())}
+            counts = way([reading], make(**body))
+            assert dict(counts) == ({"hit.on_body": 1} if on_body else {}), (axis, low, high)
+            # The other two coordinates are 0: on the border of a box that begins or ends there.
+            other = (axis + 1) % 3
+            for place in (0, 1):
+                corners[place, other] = 0.0
+                body = {
+                    "body_min": tuple(corners[0].tolist()), "body_max": tuple(corners[1].tolist())
+                }  # fmt: skip
+                assert dict(way([reading], make(**body))) == dict(counts)
+                corners[place, other] = 2.0 * place - 1.0
+
+
+# ---- bands of heights -------------------------------------------------------------------------
+
+
+def stairs() -> EvidenceMap:
+    """Column x has one cell, at height x: its centre is at 0.5 x + 0.25 m."""
+    evidence = EvidenceMap(0.5, ndim=3)
+    places = np.array([[k, 0, k] for k in range(6)])
+    evidence.add_cells(places, np.full(6, 4 * ONE), np.zeros(6, np.int64))
+    return evidence
+
+
+# z_min, z_max, and the steps that are between them.
+BANDS: list[tuple[float, float, list[int]]] = [
+    (0.75, 1.75, [1, 2]),
+    (above(0.75), 1.75, [2]),
+    (below(0.75), 1.75, [1, 2]),
+    (0.75, above(1.75), [1, 2, 3]),
+    (0.75, below(1.75), [1, 2]),
+    (0.25, 2.75, [0, 1, 2, 3, 4]),
+]
+
+
+@pytest.mark.parametrize(("z_min", "z_max", "steps"), BANDS)
+def test_a_band_has_its_lower_end_and_not_its_upper(
+    z_min: float, z_max: float, steps: list[int], run: Run, tmp_path: Path
+) -> None:
+    evidence = stairs()
+    want = [x in steps for x in range(6)]
+    for source in (evidence, evidence.log_odds(), evidence.log_odds().to_voxels()):
+        assert project(source, z_min, z_max).observed.tolist() == [want]
+    for ground in (GroundPlane(0.0), lambda x, y: 0.0 * x):
+        assert project(evidence, z_min, z_max, ground=ground).observed.tolist() == [want]
+    # A ground half a metre up lifts the band by a step.
+    lifted = project(evidence, z_min, z_max, ground=GroundPlane(0.5)).observed
+    assert lifted.tolist() == [[False, *want[:-1]]]
+    evidence.save(tmp_path / "stairs.zarr")
+    # As text, to the last bit: "0.75" and its neighbours.
+    words = ("export", tmp_path / "stairs.zarr", tmp_path / "out.yaml")
+    assert run(*words, "--z-min", repr(z_min), "--z-max", repr(z_max)).status == 0
+    state = load_ros(tmp_path / "out.yaml").state()
+    assert state.tolist() == [[State.OCCUPIED if inside else State.UNKNOWN for inside in want]]
+
+
+def test_bands_share_no_cell_and_leave_none_out() -> None:
+    evidence = stairs()
+    edges = [-math.inf, 0.25, 0.75, 1.0, 1.75, math.inf]
+    bands = [
+        project(evidence, low, high).observed.astype(int) for low, high in itertools.pairwise(edges)
+    ]
+    assert np.sum(bands, axis=0).tolist() == [[1] * 6]
+
+
+# ---- probabilities ----------------------------------------------------------------------------
+
+
+def test_thresholds_belong_to_free_and_occupied() -> None:
+    limits = Thresholds(0.25, 0.75)
+    p = np.array([0.25, above(0.25), below(0.75), 0.75, 0.0, 1.0, 0.1])
+    seen = np.array([True] * 6 + [False])
+    assert limits.state(p, seen).tolist() == [
+        State.FREE, State.UNDECIDED, State.UNDECIDED, State.OCCUPIED, State.FREE, State.OCCUPIED,
+        State.UNKNOWN,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("clamp", [(0.2, 0.6), (0.4, 0.9), (0.45, 0.55), (1e-6, 1.0 - 1e-6)])
+@pytest.mark.parametrize("ndim", [2, 3])
+def test_a_clamp_bounds_a_view_on_both_sides(clamp: tuple[float, float], ndim: int) -> None:
+    """Whichever way the view is asked, and the prior of unseen cells with it."""
+    evidence = EvidenceMap(1.0, ndim=ndim)
+    places = np.zeros((6, ndim), np.int64)
+    places[:, 0] = 2 * np.arange(6)  # every other cell is unseen
+    evidence.add_cells(
+        places, ONE * np.array([9, 1, 0, 0, 0, 3]), ONE * np.array([0, 0, 1, 9, 0, 3])
+    )
+    low, high = (float(value) for value in logit(np.array(clamp)))
+    for prior in (0.05, 0.5, 0.95):
+        free, bound = evidence.log_odds(prior=prior), evidence.log_odds(prior=prior, clamp=clamp)
+        box = ([-1] * ndim, [12] * ndim)
+        for ways in (
+            (free.log_odds(), bound.log_odds()),
+            (free.log_odds(box), bound.log_odds(box)),
+            (free.known_log_odds()[1], bound.known_log_odds()[1]),
+            (free.log_odds_at(places), bound.log_odds_at(places)),
+            (free.of_votes([0, 9, 0], [9, 0, 0]), bound.of_votes([0, 9, 0], [9, 0, 0])),
+        ):
+            assert np.array_equal(np.clip(ways[0], low, high), ways[1])
+        p = bound.probability(box)
+        assert clamp[0] - 1e-12 <= p.min() <= p.max() <= clamp[1] + 1e-12

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Maps that come from maps: nothing that changes is shared, and boxes end where they say."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from oddsmap import EvidenceMap, add_scans
+from tests.kit import ONE, random_scans, votes_of
+from tests.kit3d import random_space_scans
+
+# ---- maps of their own ------------------------------------------------------------------------
+
+
+def lengthy(ndim: int = 2, **settings: Any) -> EvidenceMap:
+    """A map with evidence of everything, lengths and a half-life among it."""
+    evidence = EvidenceMap(
+        0.25, votes="beam", ndim=ndim, path_lengths=True, half_life=9.0, t_ref_ns=0, **settings
+    )
+    scans = random_scans(5, 2) if ndim == 2 else random_space_scans(5, 2)
+    add_scans(evidence, [dataclasses.replace(scan, stamp_ns=0) for scan in scans])
+    evidence.record("hall.log", scans=2)
+    return evidence
+
+
+def content(evidence: EvidenceMap) -> tuple[Any, ...]:
+    """All that there is in a map, as plain values of its own."""
+    return (
+        evidence.config.to_dict(),
+        json.dumps(evidence.provenance),
+        [array.tolist() for array in evidence.cells()],
+        [array.tolist() for array in evidence.cell_lengths()],
+    )
+
+
+def merged(evidence: EvidenceMap) -> EvidenceMap:
+    other = evidence.like()
+    other.merge(evidence)
+    return other
+
+
+RELATIVES: dict[str, Callable[[EvidenceMap], EvidenceMap]] = {
+    "like": lambda evidence: evidence.like(),
+    "crop": lambda evidence: evidence.crop([-99] * evidence.ndim, [99] * evidence.ndim),
+    "rescaled": lambda evidence: evidence.rescaled(0),
+    "merge": merged,
+    "deepcopy": copy.deepcopy,
+}
+
+
+@pytest.mark.parametrize("ndim", [2, 3])
+@pytest.mark.parametrize("name", RELATIVES)
+def test_maps_share_nothing_that_changes(name: str, ndim: int) -> None:
+    """Whatever is done to one of two maps, the other stays as it is."""
+    for changed_one in (0, 1):
+        evidence = lengthy(ndim)
+        pair = (evidence, RELATIVES[name](evidence))
+        assert name == "like" or pair[1].cell_count() == evidence.cell_count()
+        other = pair[1 - changed_one]
+        before = content(other)
+        one = pair[changed_one]
+        for tiles in (one.tiles, one.lengths):
+            assert tiles is not None
+            for array in tiles.arrays:
+                array[...] = 0
+        one.provenance.append({"source": "another.log"})
+        one.record("third.log")
+        one.config = EvidenceMap(1.0).config
+        assert content(other) == before
+
+
+def test_a_map_hands_out_copies() -> None:
+    evidence = lengthy()
+    before = content(evidence)
+    box = evidence.bounds()
+    assert box is not None
+    view = evidence.log_odds()
+    handed = (
+        *box,
+        *evidence.cells(),
+        *evidence.cell_lengths(),
+        *evidence.region(*box),
+        *evidence.region_units(*box),
+        evidence.region_lengths(*box),
+        view.log_odds(),
+        view.probability(),
+        *view.cells(),
+    )
+    for array in handed:
+        array[...] = 1
+    assert content(evidence) == before
+
+
+def test_what_is_added_stays_the_callers() -> None:
+    evidence = EvidenceMap(0.25)
+    index, hits, passes = np.array([[1, 2], [3, 4]]), np.array([5, 6]), np.array([7, 8])
+    evidence.add_cells(index, hits, passes)
+    before = votes_of(evidence)
+    assert (index.tolist(), hits.tolist(), passes.tolist()) == ([[1, 2], [3, 4]], [5, 6], [7, 8])
+    index[...], hits[...], passes[...] = 0, 0, 0
+    assert votes_of(evidence) == before
+
+
+# ---- boxes ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ndim", [2, 3])
+def test_a_crop_ends_before_hi_on_each_side(ndim: int) -> None:
+    """Every box of a full block of cells, by slices of the whole; lengths are cut alike."""
+    size = 5
+    shape = (size,) * ndim
+    places = np.stack(np.unravel_index(np.arange(size**ndim), shape)[::-1], axis=1) - 2
+    evidence = EvidenceMap(1.0, votes="beam", ndim=ndim, path_lengths=True, tile_side=4)
+    number = np.arange(1, size**ndim + 1)
+    evidence.add_cells(places, number, 1000 * number)
+    assert evidence.lengths is not None
+    evidence.lengths.add_cells(places, np.stack([0 * number, 7 * number], axis=1))
+    whole = number.reshape(shape)  # z and y before x
+    spans = [(a, b) for a in range(size + 1) for b in range(a, size + 1)]
+    # Boxes that differ from the whole along one axis at a time.
+    for axis in range(ndim):
+        for a, b in spans:
+            lo, hi = np.full(ndim, -2), np.full(ndim, size - 2)
+            lo[axis], hi[axis] = a - 2, b - 2
+            want = np.take(whole, range(a, b), axis=ndim - 1 - axis)
+            part = evidence.crop(lo, hi)
+            hits, passes = part.region_units([-2] * ndim, [size - 2] * ndim)
+            assert sorted(part.cells()[1].tolist()) == sorted(want.ravel().tolist())
+            assert hits.sum() == want.sum()
+            assert (passes == 1000 * hits).all()
+            assert sorted(part.cell_lengths()[1].tolist()) == sorted((7 * want).ravel().tolist())
+            assert (evidence.region_units(lo, hi)[0] == want).all()
+            assert (evidence.region_lengths(lo, hi) * ONE == 7 * want).all()
+            assert (part.region_units(lo, hi)[0] == want).all()
