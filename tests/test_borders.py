@@ -6,6 +6,7 @@ Next to it, one bit away, lies the other side.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Callable
@@ -34,7 +35,16 @@ from oddsmap.sensors.inverse_model import logit
 from tests.cli.conftest import Run
 from tests.cli.conftest import run as run  # a fixture
 from tests.kit import ONE
-from tests.test_reasons import Counts, filtered, full, online, projected, reflected, scored
+from tests.test_reasons import (
+    RESOLUTION,
+    Counts,
+    filtered,
+    full,
+    online,
+    projected,
+    reflected,
+    scored,
+)
 
 
 def below(value: float) -> float:
@@ -263,3 +273,27 @@ def test_a_clamp_bounds_a_view_on_both_sides(clamp: tuple[float, float], ndim: i
             assert np.array_equal(np.clip(ways[0], low, high), ways[1])
         p = bound.probability(box)
         assert clamp[0] - 1e-12 <= p.min() <= p.max() <= clamp[1] + 1e-12
+
+
+# ---- poses ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", WAYS)
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_pose_is_too_far_from_2_to_the_45_cells_on(name: str, sign: float) -> None:
+    way, reading, sensor, _ = WAYS[name]
+    limit = 2.0**45 * RESOLUTION
+
+    def moved(x: float) -> Any:
+        scan = reading(1.0)
+        pose = scan.map_from_sensor
+        there = (
+            Pose2(x, pose.y, pose.theta)
+            if isinstance(pose, Pose2)
+            else Pose3(pose.rotation, np.array([x, *pose.translation[1:]]))
+        )
+        return dataclasses.replace(scan, map_from_sensor=there)
+
+    far, near = moved(sign * limit), moved(sign * math.nextafter(limit, 0.0))
+    assert dict(way([reading(1.0), far], sensor)) == {"scan.pose_too_far": 1}
+    assert dict(way([reading(1.0), near], sensor)) == {}

@@ -6,13 +6,14 @@ from __future__ import annotations
 import copy
 import dataclasses
 import json
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
-from oddsmap import EvidenceMap, add_scans
+from oddsmap import EvidenceMap, Scan, add_scans
 from tests.kit import ONE, random_scans, votes_of
 from tests.kit3d import random_space_scans
 
@@ -139,3 +140,34 @@ def test_a_crop_ends_before_hi_on_each_side(ndim: int) -> None:
             assert (evidence.region_units(lo, hi)[0] == want).all()
             assert (evidence.region_lengths(lo, hi) * ONE == 7 * want).all()
             assert (part.region_units(lo, hi)[0] == want).all()
+
+
+# ---- what a map says of itself ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ndim", [2, 3])
+def test_the_bytes_of_a_map_are_those_of_votes_and_lengths(ndim: int) -> None:
+    evidence = lengthy(ndim)
+    assert evidence.lengths is not None
+    assert min(evidence.tiles.nbytes, evidence.lengths.nbytes) > EvidenceMap(1.0, ndim=ndim).nbytes
+    assert evidence.nbytes == evidence.tiles.nbytes + evidence.lengths.nbytes
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_time_of_reading_is_that_of_the_log(
+    threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clock that goes on while a log is read, and stands still else."""
+    now = 0.0
+
+    def log() -> Iterator[Scan]:
+        nonlocal now
+        for scan in random_scans(5, 3):
+            now += 5.0
+            yield scan
+        now += 2.0
+
+    scans, clock = log(), lambda: now
+    monkeypatch.setattr(time, "perf_counter", clock)
+    report = add_scans(EvidenceMap(0.25), scans, threads=threads)
+    assert (report.read_s, report.integrate_s, report.compile_s) == (17.0, 0.0, 0.0)
