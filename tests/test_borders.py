@@ -20,6 +20,7 @@ from oddsmap import (
     BeamSensor,
     ConeSensor,
     EvidenceMap,
+    MapTooLargeError,
     Pose2,
     Pose3,
     Scan,
@@ -29,6 +30,7 @@ from oddsmap import (
     load_ros,
     project,
 )
+from oddsmap.cells import check_size
 from oddsmap.ground import GroundPlane
 from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
 from oddsmap.sensors.inverse_model import logit
@@ -297,3 +299,40 @@ def test_a_pose_is_too_far_from_2_to_the_45_cells_on(name: str, sign: float) -> 
     far, near = moved(sign * limit), moved(sign * math.nextafter(limit, 0.0))
     assert dict(way([reading(1.0), far], sensor)) == {"scan.pose_too_far": 1}
     assert dict(way([reading(1.0), near], sensor)) == {}
+
+
+# ---- the size of a scan -----------------------------------------------------------------------
+
+
+def fits(extent: tuple[int, int], most: int = 1 << 40, beams: int = 1, way: float = 1.0) -> bool:
+    """Whether a scan of such a window may be done."""
+    try:
+        check_size(np.array([beams]), np.array([way]), np.array([extent], float), 0.5, 32, most)
+    except MapTooLargeError:
+        return False
+    return True
+
+
+def test_a_scan_is_less_than_2_to_the_22_cells_long() -> None:
+    long = 1 << 22
+    assert fits((long - 32, 32))
+    for extent in ((long, 32), (32, long)):
+        assert not fits(extent)
+
+
+def test_a_window_may_have_as_many_cells_as_it_may_have() -> None:
+    for extent in ((320, 640), (640, 320)):
+        assert fits(extent, most=320 * 640)
+        assert not fits(extent, most=320 * 640 - 1)
+
+
+def test_a_scan_is_refused_by_the_memory_of_its_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two bytes a cell, of the tiles that beams can reach or of the window, whichever is less."""
+    for needed, beams, way in (
+        (2 * 32 * 32 * (10 + 2 * 3), 3, 320.0),  # 10 tiles of way, and a corner's 2 a beam
+        (2 * 3200 * 3200, 10**6, 1e9),
+    ):
+        for limit, enough in ((needed, True), (needed - 1, False)):
+            with monkeypatch.context() as patch:
+                patch.setattr(f"{check_size.__module__}.memory_limit", lambda limit=limit: limit)
+                assert fits((3200, 3200), beams=beams, way=way) == enough

@@ -8,12 +8,14 @@ import dataclasses
 import json
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from oddsmap import EvidenceMap, Scan, add_scans
+from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, load_map
+from oddsmap.config import PosteriorConfig
 from tests.kit import ONE, random_scans, votes_of
 from tests.kit3d import random_space_scans
 
@@ -171,3 +173,76 @@ def test_the_time_of_reading_is_that_of_the_log(
     monkeypatch.setattr(time, "perf_counter", clock)
     report = add_scans(EvidenceMap(0.25), scans, threads=threads)
     assert (report.read_s, report.integrate_s, report.compile_s) == (17.0, 0.0, 0.0)
+
+
+def test_a_map_of_many_tiles_is_gone_through_to_the_last(tmp_path: Path) -> None:
+    """Tiles are handled 4096 at a time; each of these cells has a tile of its own."""
+    count = 2 * 4096 + 1
+    index = np.stack([np.arange(count) % 97, np.arange(count) // 97], axis=1)
+    evidence = EvidenceMap(0.25, tile_side=1)
+    evidence.add_cells(index, np.arange(1, count + 1), np.zeros(count, np.int64))
+    want = votes_of(evidence)
+    assert len(want) == evidence.cell_count() == count
+    other = evidence.like()
+    other.merge(evidence)
+    evidence.save(tmp_path / "many.zarr")
+    for twin in (other, evidence.crop((0, 0), (97, 97)), EvidenceMap.load(tmp_path / "many.zarr")):
+        assert votes_of(twin) == want
+    evidence.merge(evidence)
+    assert votes_of(evidence) == {cell: (2 * hit, 0) for cell, (hit, _) in want.items()}
+
+
+# ---- maps on disk -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ndim", [2, 3])
+def test_a_stored_map_is_what_it_was(ndim: int, tmp_path: Path) -> None:
+    """All settings another than the default, and two logs: what is left out comes back changed."""
+    evidence = EvidenceMap(
+        0.3,
+        ndim=ndim,
+        votes="beam",
+        path_lengths=True,
+        half_life=7.0,
+        t_ref_ns=5,
+        sensor=BeamSensor(p_hit=0.8, range_max=9.0),
+        posterior=PosteriorConfig(prior=0.3, free=0.1, occupied=0.9),
+    )
+    places = np.array([[-2000, 3, 70], [5, -7, 100], [40, 1500, -300]])[:, :ndim]
+    evidence.add_cells(places, np.array([1, 2, 3]), np.array([40, 50, 60]))
+    evidence.record("one.log", scans=1)
+    evidence.record("other.log", scans=2)
+    evidence.save(tmp_path / "a.zarr")
+    again = EvidenceMap.load(tmp_path / "a.zarr")
+    assert content(again) == content(evidence)
+    attributes = json.loads((tmp_path / "a.zarr" / "zarr.json").read_text())["attributes"]
+    lo, hi = evidence.bounds() or (None, None)
+    assert lo is not None
+    assert hi is not None
+    assert attributes["known_cells_lo"] == lo.tolist()
+    assert attributes["known_cells_hi"] == hi.tolist()
+    first = attributes["origin_cell"]
+    assert all(a <= b for a, b in zip(first, lo, strict=True))
+    assert len(set(first)) == ndim, "axes that are swapped would not show"
+    assert attributes["origin"] == [cell * 0.3 for cell in first]
+    assert (attributes["resolution"], attributes["votes"]) == (0.3, "beam")
+
+
+@pytest.mark.parametrize(("ndim", "shard"), [(2, 1024), (3, 128)])
+def test_a_box_of_a_stored_map_is_a_crop(ndim: int, shard: int, tmp_path: Path) -> None:
+    """Cells on both sides of the borders of shards, and boxes that end or begin there."""
+    cells = [-shard - 1, -shard, -1, 0, shard - 1, shard]
+    places = np.zeros((len(cells), ndim), np.int64)
+    for axis in range(ndim):
+        places[:, axis] = cells
+        evidence = EvidenceMap(1.0, ndim=ndim)
+        evidence.add_cells(places, np.arange(1, 7), np.zeros(6, np.int64))
+        evidence.save(tmp_path / f"{axis}.zarr")
+        borders = (-shard, 0, shard)
+        for a, b in [(at - 1, at) for at in borders] + [(at, at + 1) for at in borders]:
+            lo, hi = np.full(ndim, -1), np.full(ndim, 1)
+            lo[axis], hi[axis] = a, b
+            part = load_map(tmp_path / f"{axis}.zarr", lo=lo, hi=hi)
+            assert votes_of(part) == votes_of(evidence.crop(lo, hi))
+            assert part.cell_count() == sum(a <= cell < b for cell in cells) == 1
+        places[:, axis] = 0

@@ -43,3 +43,19 @@ def test_the_same_cells_and_others() -> None:
         assert np.array_equal(same_places(cells, r, r / 2), 2 * cells + 1)
         assert np.array_equal(same_places(cells, r, 2 * r), cells // 2)
         assert np.array_equal(same_places(cells, r, 3 * r), cells // 3)
+
+
+@pytest.mark.parametrize("border", [1.0, 7.0])
+def test_what_is_within_a_millionth_of_a_border_lies_above_it(border: float) -> None:
+    """On both sides of the border, on both sides of the origin; a bit more is too far."""
+    for off, right, left in (
+        (-1.01e-6, -1, 0),
+        (-0.99e-6, 0, 0),
+        (0.0, 0, 0),
+        (0.99e-6, 0, 0),
+        (1.01e-6, 0, -1),
+    ):
+        # Cells 0 and -1 with this side have their centres there, right and left of the origin.
+        side = 2.0 * (border + off)
+        cells = same_places(np.array([[0], [-1]]), side, 1.0)
+        assert cells.ravel().tolist() == [border + right, -border + left]

@@ -104,3 +104,11 @@ def test_existing_file_needs_force(tmp_path: Path) -> None:
     save_npz(tmp_path / "m.npz", force=True, **cells())
     with np.load(tmp_path / "m.npz") as found:
         assert len(found["index"]) == 3
+
+
+@pytest.mark.parametrize("name", ["hits", "passes"])
+def test_the_least_negative_weight_is_refused(tmp_path: Path, name: str) -> None:
+    weights = np.array([0.0, 0.0, -1e-300])
+    with pytest.raises(InputError, match=f"{name} must be finite and >= 0, 1 values are not"):
+        save_npz(tmp_path / "m.npz", **cells(**{name: weights}))
+    assert not list(tmp_path.iterdir())

@@ -238,3 +238,14 @@ class TestRefusals:
     def test_wrong_suffix(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match=r"named by its \.yaml"):
             save_ros(lopsided(), tmp_path / "m.pgm")
+
+
+@pytest.mark.parametrize(("off", "kept"), [(0.5e-6, False), (1.5e-6, True)])
+def test_greys_keep_a_millionth_off_the_thresholds(tmp_path: Path, off: float, kept: bool) -> None:
+    """Of greys 0.2 and 0.8 dark: versions of Nav2 may take one next to a threshold differently."""
+    grid = ProbabilityMap(np.array([[0.2, 0.8]]), np.ones((1, 2), np.bool_), 0.05)
+    limit = Thresholds(0.2 + off, 0.8 - off)
+    path, _ = save_ros(grid, tmp_path / "m.yaml", mode="scale", thresholds=limit)
+    again = load_ros(path)
+    assert again.state(limit).tolist() == [[State.FREE, State.OCCUPIED]]
+    assert np.allclose(again.probability, [[0.2, 0.8]], atol=1e-9) == kept

@@ -297,3 +297,13 @@ def test_real_cones(data_folder: Path) -> None:
     with np.load(path) as file:
         far = np.count_nonzero(file["beams"][:, 3] == 4.0)
     assert sum(int(np.isinf(scan.ranges).sum()) for scan in log) == far
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_direction_may_be_a_thousandth_off_unit_length(tmp_path: Path, sign: float) -> None:
+    beams = np.zeros((1, 7))
+    beams[0, 3], beams[0, 6] = 1.0 + sign * 0.99e-3, 2.0
+    (scan,) = read(tmp_path, beams=beams)
+    assert scan.directions.tolist() == [[1.0, 0.0, 0.0]]
+    beams[0, 3] = 1.0 + sign * 1.01e-3
+    assert "must be a unit vector" in refused(tmp_path, beams=beams)

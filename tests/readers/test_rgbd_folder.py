@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -213,3 +214,23 @@ def test_real_tum_frames_agree_with_each_other(data_folder: Path) -> None:
         seen = (u >= 0) & (u < 640) & (v >= 0) & (v < 480)
         errors[fy] = float(np.mean(np.abs(third.depth[v[seen], u[seen]] - z[seen])))
     assert errors[-480.0] < 0.003 < 0.01 < errors[480.0]
+
+
+@pytest.mark.parametrize(
+    ("layout", "camera"),
+    [
+        (seven_scenes, PinholeCamera(585.0, 585.0, 320.0, 240.0, width=640, height=480)),
+        (tum, PinholeCamera(525.0, 525.0, 319.5, 239.5, width=640, height=480)),
+    ],
+)
+def test_intrinsics_of_the_layout_where_none_are_given(
+    tmp_path: Path, layout: Callable[[Path], None], camera: PinholeCamera
+) -> None:
+    """Those of docs/formats.md."""
+    layout(tmp_path)
+    for image in tmp_path.rglob("*.png"):
+        if image.stat().st_size:
+            write_png(image, np.full((480, 640), 1000, np.uint16))
+    log = open_depth(tmp_path)
+    assert log.camera == camera
+    assert any("are assumed" in note for note in log.notes)

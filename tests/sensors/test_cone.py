@@ -294,3 +294,12 @@ def test_bounds(fields: dict[str, float], message: str) -> None:
     with pytest.raises(ConfigError, match=message) as caught:
         ConeSensor(**fields)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)
+
+
+def test_weights_fall_off_over_range_max_however_far_a_no_return_clears() -> None:
+    base = ConeSensor(cone_deg=20.0, range_max=8.0, range_falloff=0.5)
+    scan = one_beam(Pose2(0.5, 0.5, 0.0), [1.0, 0.0], 4.0)
+    (want,) = listed(base, [scan])
+    assert want[2, 0] == (0, round(ONE * (1.0 - 0.5 * 2.0 / 8.0)))
+    for clear_range in (2.0, 8.0, 20.0):
+        assert listed(dataclasses.replace(base, clear_range=clear_range), [scan]) == [want]
