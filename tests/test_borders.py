@@ -30,10 +30,10 @@ from oddsmap import (
     load_ros,
     project,
 )
-from oddsmap.cells import check_size
-from oddsmap.ground import GroundPlane
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
-from oddsmap.sensors.inverse_model import logit
+from oddsmap.integrate.to_cells import check_size
+from oddsmap.odds import logit
+from oddsmap.projection.ground_plane import GroundPlane
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from tests.cli.conftest import Run
 from tests.cli.conftest import run as run  # a fixture
 from tests.kit import ONE

@@ -22,7 +22,7 @@ from oddsmap import (
     Scan,
     add_scans,
 )
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from tests.kit import ONE, Votes, fan_scan, votes_of
 
 MAX_UNITS = 1 << 62

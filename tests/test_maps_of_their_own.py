@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, load_map
-from oddsmap.config import PosteriorConfig
+from oddsmap.config.config import PosteriorConfig
 from tests.kit import ONE, random_scans, votes_of
 from tests.kit3d import random_space_scans
 

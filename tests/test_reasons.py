@@ -31,7 +31,7 @@ from oddsmap import (
     build_reflection_map,
     score_map,
 )
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from tests.kit import ONE
 
 RESOLUTION = 0.125

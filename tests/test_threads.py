@@ -26,7 +26,7 @@ from oddsmap import (
     Scan,
     add_scans,
 )
-from oddsmap.sensors.depth_camera import DepthScan, PinholeCamera
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from tests.kit import fan_scan, random_scans, votes_of
 from tests.kit3d import random_space_scans
 

@@ -95,7 +95,7 @@ class Slow:
         self.went_on.append(sweeps)
 
     def causes(self, model: ForwardModel) -> np.ndarray[Any, Any]:
-        from oddsmap.kernels.causes import DROPOUT, LIKELIHOOD, RANDOM, SQUARES
+        from oddsmap.kernels.infer.responsibilities import DROPOUT, LIKELIHOOD, RANDOM, SQUARES
 
         found = np.zeros((2, 4))
         found[:, RANDOM] = self.p_random

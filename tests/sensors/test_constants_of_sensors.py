@@ -54,7 +54,7 @@ def test_a_cone_is_2_to_the_22_cells_long_at_most() -> None:
 
 def test_cones_of_a_scan_hold_2_to_the_26_cells_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     """Room doubles until then; nothing is listed, so that none of it takes memory."""
-    from oddsmap.kernels import cone_votes
+    from oddsmap.kernels.vote import cone_votes
 
     monkeypatch.setattr(cone_votes, "list_cones", lambda *arguments: 0)
     cone = ConeSensor(cone_deg=30.0, range_max=3.0)
@@ -106,7 +106,7 @@ def test_rotations_of_few_digits_may_be_off_by_two_thousandths(sign: float) -> N
 
 def test_a_beam_meets_2_to_the_28_cells_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
     """Room doubles until then; nothing is listed, so that none of it takes memory."""
-    from oddsmap.kernels import cone_cells
+    from oddsmap.kernels.trace import cone_cells
 
     rooms = []
 

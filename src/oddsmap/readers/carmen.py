@@ -104,7 +104,7 @@ def open_carmen(source: Source) -> LoadedLog:
         notes.append(
             Note(
                 f"{bad_count} laser lines were skipped, the first: {first}",
-                code="line.skipped",
+                code="log.bad_lines",
                 severity="warning",
             )
         )
@@ -192,7 +192,7 @@ def _note_assumptions(lines: list[LaserLine], kinds: Counter[str], notes: list[N
             Note(
                 "FLASER and ROBOTLASER1 lines are both used: if they repeat the same readings, "
                 "take one kind out",
-                code="scan.twice",
+                code="log.twice",
                 severity="warning",
             )
         )

@@ -61,7 +61,7 @@ class LazyLog:
             return self.opening_notes
         first = self._bad[min(self._bad)]
         text = f"{len(self._bad)} scans were skipped, the first: {first}"
-        return (*self.opening_notes, Note(text, code="scan.skipped", severity="warning"))
+        return (*self.opening_notes, Note(text, code="log.bad_scans", severity="warning"))
 
     @property
     def sensors(self) -> Mapping[str, SensorInfo]:

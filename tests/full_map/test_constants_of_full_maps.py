@@ -25,8 +25,8 @@ from oddsmap import (
     build_full_map,
     build_reflection_map,
 )
-from oddsmap.posterior.full_map import field as field_module
-from oddsmap.posterior.full_map.propagation import Propagation
+from oddsmap.forward import cell_grid as field_module
+from oddsmap.full_map.belief_propagation import Propagation
 
 RESOLUTION = 0.1
 AHEAD = (0.05, 0.05)
@@ -233,7 +233,7 @@ def test_messages_of_a_reflection_map_keep_half_of_what_they_were(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """From the second sweep on; the first has nothing to keep."""
-    from oddsmap.kernels import beta_factor
+    from oddsmap.kernels.infer import beta_factor
 
     revisit, kept = beta_factor.revisit_beams, []
 
@@ -272,8 +272,9 @@ def test_where_both_states_are_as_good_the_map_decides_by_1e_6() -> None:
 def test_memory_is_refused_by_the_bytes_of_what_is_kept(
     watched: type[Watched], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from oddsmap.kernels.beam_bins import count_bins
-    from oddsmap.posterior.full_map import joint, rows
+    from oddsmap.forward import beam_rows as rows
+    from oddsmap.full_map import joint_samples as joint
+    from oddsmap.kernels.infer.incremental_likelihood import count_bins
 
     made: list[Watched] = []
     run = watched.run
