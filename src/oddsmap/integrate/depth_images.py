@@ -21,7 +21,7 @@ from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.integrate.to_cells import check_size
 from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT
-from oddsmap.kernels.trace.readings import BELOW, LOST, NAN
+from oddsmap.kernels.trace.readings import BELOW, NAN, NO_RETURN
 from oddsmap.kernels.vote.depth_image import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
 from oddsmap.limits import MAX_COORDINATE
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
@@ -202,7 +202,7 @@ def _reasons(skipped: IntArray) -> Counter[str]:
         {
             "beam.nan": int(skipped[NAN]),
             "beam.below_range_min": int(skipped[BELOW]),
-            "beam.no_return": int(skipped[LOST]),
+            "beam.no_return": int(skipped[NO_RETURN]),
             "hit.outside_heights": int(skipped[HEIGHT]),
             "hit.on_body": int(skipped[BODY]),
         }

@@ -37,9 +37,9 @@ def borrowing(function: F) -> F:
     So it need not count references (Numba's `_nrt`), which costs an atomic instruction, about 5 ns,
     for every array that is handed to a function inlined into it, and keeps loops from being
     vectorised. What that brings on one thread, `_nrt` off against on: 2D at 0.05 m, 6.0 M beams/s
-    against 4.7 (`benchmarks/lidar2d.py --quick`, office); 3D, 25 ms a scan against 348 at 0.1 m and
-    87 against 972 at 0.05 m (`benchmarks/lidar3d.py --quick --part speed`). Message passing and the
-    cells of cones gain nothing, so they are `kernel`s.
+    against 4.7 (`benchmarks/lidar2d.py --quick`, office); 3D, 25 ms per scan against 348 at 0.1 m
+    and 87 against 972 at 0.05 m (`benchmarks/lidar3d.py --quick --part speed`). Message passing and
+    the cells of cones gain nothing, so they are `kernel`s.
 
     The danger: an array that such a function gets from a function that *makes* it is never freed.
     The compiler does not refuse that; tests/kernels/test_jit.py does.

@@ -2,7 +2,7 @@
 """Octrees as sorted leaves: Morton codes in, OctoMap's depth-first nodes out, and back.
 
 The Morton code of a cell holds its place bit by bit, x lowest: ... z1 y1 x1 z0 y0 x0. A cube of
-2^level cells a side, aligned to its size, covers the codes [code, code + 8^level). So disjoint
+2^level cells per side, aligned to its size, covers the codes [code, code + 8^level). So disjoint
 cubes in the order of their codes are the leaves of an octree in depth-first order, child x + 2y +
 4z of a node being number 0 to 7: OctoMap's order.
 
@@ -96,7 +96,7 @@ def lay_out(
     """Write the nodes depth first: the value, which children exist, and of which kind they are.
 
     An inner node's value is the largest of its leaves. `children` has a bit, `pairs` has two bits
-    a child: 0 none, 1 a leaf below zero, 2 a leaf of zero or more, 3 an inner node. Sizes as
+    per child: 0 none, 1 a leaf below zero, 2 a leaf of zero or more, 3 an inner node. Sizes as
     `node_count` says, all zero but for `node_value`.
     """
     path = np.zeros(DEPTH + 1, np.int64)  # the open node at each depth; all start at the root

@@ -68,7 +68,7 @@ def cut_scans(
         body: corners of a box in the sensor frame in which none does [m], shape (2, 3).
     """
     from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT, cut_beams
-    from oddsmap.kernels.trace.readings import BELOW, LOST, NAN
+    from oddsmap.kernels.trace.readings import BELOW, NAN, NO_RETURN
 
     beams = ranges_of(scans)
     finite = [scan for scan in beams if scan.map_from_sensor.is_finite]
@@ -122,7 +122,7 @@ def cut_scans(
             "scan.empty": len(finite) - len(kept_of_scans),
             "beam.nan": int(counts[NAN]),
             "beam.below_range_min": int(counts[BELOW]),
-            "beam.no_return": int(counts[LOST]),
+            "beam.no_return": int(counts[NO_RETURN]),
             "hit.outside_heights": int(counts[HEIGHT]),
             "hit.on_body": int(counts[BODY]),
         }

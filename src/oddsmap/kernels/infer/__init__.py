@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of what cells are believed to be: likelihoods, messages, samples."""
+"""Kernels for what is believed about cells: likelihoods, messages, samples."""

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.infer.cell_status import LISTED, REACHED
-from oddsmap.kernels.infer.first_echo import Noise, given
+from oddsmap.kernels.infer.first_echo import Noise, echo_likelihood
 from oddsmap.kernels.jit import inlined, kernel
 
 __all__ = [
@@ -104,7 +104,7 @@ def factor(
     """
     begin, end = rows.offsets[beam], rows.offsets[beam + 1]
     reading = rows.readings[beam]
-    none = given(-1, reading, noise)
+    none = echo_likelihood(-1, reading, noise)
     count = 0
     through, before = 1.0, 0.0
     i = begin
@@ -115,7 +115,7 @@ def factor(
         while i < end and rows.bins[i] == k:
             silent *= u[i - begin]
             i += 1
-        here = given(np.int64(k), reading, noise)
+        here = echo_likelihood(np.int64(k), reading, noise)
         groups[0, count], groups[1, count] = silent, here
         groups[2, count], groups[3, count] = through, before
         before += through * (1.0 - silent) * here
@@ -148,17 +148,17 @@ def _odds(
         gain = through * (behind - here)
         for j in range(starts[g], starts[g + 1]):
             part = gain * (silent / u[j])
-            # A reading that neither state explains says nothing of the cell.
+            # A reading that neither state explains says nothing about the cell.
             ratio = max(base + part * (1.0 - d[j]), _NOTHING) / max(base + part, _NOTHING)
             out[at + j] = _units(math.log(ratio))
 
 
 @inlined
 def _replace(
-    belief: IntArray, cell: int, messages: Messages, i: int, fresh: int, keep: float
+    belief: IntArray, cell: int, messages: Messages, i: int, message: int, keep: float
 ) -> int:
     # Take the old message out of the belief before the new one goes in; returns the change.
-    old, new = np.int64(messages[i]), np.int64(fresh)
+    old, new = np.int64(messages[i]), np.int64(message)
     if keep > 0.0:
         new = np.int64(np.rint(keep * old + (1.0 - keep) * new))
     belief[cell] += new - old
@@ -197,7 +197,7 @@ def sweep_in_turn(
         The sum of the messages' changes, in size [1 / NAT].
     """
     q, d, groups, starts = _room_for(rows, order)
-    fresh = np.empty(q.shape[0], np.int32)
+    new = np.empty(q.shape[0], np.int32)
     moved = np.int64(0)
     for n in range(order.shape[0]):
         beam = order[n]
@@ -206,9 +206,9 @@ def sweep_in_turn(
             q[i - begin] = _occupied(belief[rows.cells[i]] - messages[i])
         chances(rows, begin, end, detection, q, d)
         count = factor(rows, beam, noise, q, groups, starts)
-        _odds(begin, count, q, d, groups, starts, fresh, 0)
+        _odds(begin, count, q, d, groups, starts, new, 0)
         for i in range(begin, end):
-            moved += _replace(belief, rows.cells[i], messages, i, fresh[i - begin], keep)
+            moved += _replace(belief, rows.cells[i], messages, i, new[i - begin], keep)
     return moved
 
 
@@ -220,11 +220,11 @@ def new_messages(
     detection: FloatArray,
     belief: IntArray,
     messages: Messages,
-    fresh: Messages,
+    new: Messages,
 ) -> None:
     """The messages of some beams, all from the same beliefs; nothing shared is written.
 
-    Arguments as in `sweep_in_turn`; `fresh` takes the messages, beam after beam.
+    Arguments as in `sweep_in_turn`; `new` takes the messages, beam after beam.
     """
     q, d, groups, starts = _room_for(rows, order)
     at = 0
@@ -235,7 +235,7 @@ def new_messages(
             q[i - begin] = _occupied(belief[rows.cells[i]] - messages[i])
         chances(rows, begin, end, detection, q, d)
         count = factor(rows, beam, noise, q, groups, starts)
-        _odds(begin, count, q, d, groups, starts, fresh, at)
+        _odds(begin, count, q, d, groups, starts, new, at)
         at += end - begin
 
 
@@ -245,7 +245,7 @@ def apply_messages(
     order: IntArray,
     belief: IntArray,
     messages: Messages,
-    fresh: Messages,
+    new: Messages,
     keep: float,
 ) -> int:
     """Put the messages of `new_messages` in place: message = keep * old + (1 - keep) * new.
@@ -258,7 +258,7 @@ def apply_messages(
     for n in range(order.shape[0]):
         beam = order[n]
         for i in range(rows.offsets[beam], rows.offsets[beam + 1]):
-            moved += _replace(belief, rows.cells[i], messages, i, fresh[at], keep)
+            moved += _replace(belief, rows.cells[i], messages, i, new[at], keep)
             at += 1
     return moved
 
@@ -300,7 +300,7 @@ def mark_reached(
 
     Args:
         rows: the beams.
-        last_bins: the farthest bin that each beam says something of, shape (beams,).
+        last_bins: the farthest bin that each beam says something about, shape (beams,).
         least_fraction: a cell with a smaller share in the cone is not marked.
         least_chance: a cell that no beam came to with this probability is not reached.
         detection: see `sweep_in_turn`.
@@ -330,30 +330,30 @@ def mark_reached(
 @kernel
 def beam_room(rows: BeamRows) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     """Room for any beam: u and d of its rows, `factor`'s sums and the first rows of its bins."""
-    most = 0
+    max_rows = 0
     for beam in range(rows.readings.shape[0]):
-        most = max(most, rows.offsets[beam + 1] - rows.offsets[beam])
-    return _room(most)
+        max_rows = max(max_rows, rows.offsets[beam + 1] - rows.offsets[beam])
+    return _room(max_rows)
 
 
 @kernel
 def _room_for(
     rows: BeamRows, order: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
-    # For some beams alone: to look at all of them for each chunk would be quadratic in the log.
-    most = 0
+    # Only some beams: looking at all of them for each chunk would be quadratic in the log.
+    max_rows = 0
     for n in range(order.shape[0]):
-        most = max(most, rows.offsets[order[n] + 1] - rows.offsets[order[n]])
-    return _room(most)
+        max_rows = max(max_rows, rows.offsets[order[n] + 1] - rows.offsets[order[n]])
+    return _room(max_rows)
 
 
 @kernel
-def _room(most: int) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+def _room(max_rows: int) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     return (
-        np.empty(most),
-        np.empty(most),
-        np.empty((5, most + 1)),
-        np.empty(most + 2, np.int64),
+        np.empty(max_rows),
+        np.empty(max_rows),
+        np.empty((5, max_rows + 1)),
+        np.empty(max_rows + 2, np.int64),
     )
 
 

@@ -10,7 +10,7 @@ with the mu of `beam_factor.py` and q_i the mean reflectivity. Three ways to use
 
 - Assumed density: with rho ~ Beta(a, b) the posterior after one beam is the mixture
   w Beta(a + 1, b) + (1 - w) Beta(a, b + 1), w = mu1 a / (mu1 a + mu0 b), put back to the Beta of
-  the same mean and variance. An arc's hit is so shared among its cells by how likely each is to
+  the same mean and variance. So an arc's hit is shared among its cells by how likely each is to
   have caused it. With n = a + b and
 
       v = (1 - w) a (b + 1) + w b (a + 1),  r = v / (v + (n + 2) w (1 - w))
@@ -44,11 +44,11 @@ VOTE = 1 << 32
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-Told = npt.NDArray[np.float32]
+Added = npt.NDArray[np.float32]
 
 # Likelihoods are compared as ratios: below this both are nothing.
 _NOTHING = 1e-300
-# Weights that a Beta distribution keeps without one of its beams; else that beam has to wait.
+# Weights that a Beta distribution keeps without one of its beams; otherwise that beam has to wait.
 _LEAST = 1e-3
 
 
@@ -127,12 +127,12 @@ def revisit_beams(
     detection: FloatArray,
     a: FloatArray,
     b: FloatArray,
-    told: Told,
+    added: Added,
     keep: float,
 ) -> int:
     """Go through beams once more: one sweep of expectation propagation.
 
-    The first sweep, with nothing told, is that of `filter_beams`.
+    The first sweep, with nothing added yet, is that of `filter_beams`.
 
     Args:
         rows: and the next five as in `filter_beams`.
@@ -141,7 +141,7 @@ def revisit_beams(
         detection: see there.
         a: see there.
         b: see there.
-        told: what each row has added to a and to b of its cell, changed in place, shape (rows, 2).
+        added: what each row has added to a and to b of its cell, changed in place, shape (rows, 2).
         keep: share of its old message that a row keeps: 0 the first time, about 1/2 later on,
             or sweeps may go round in circles.
 
@@ -150,16 +150,16 @@ def revisit_beams(
         cell's distribution would be none.
     """
     u, d, groups, starts = beam_room(rows)
-    left = 0
+    left_out = 0
     for n in range(order.shape[0]):
         beam = order[n]
         begin, end = rows.offsets[beam], rows.offsets[beam + 1]
         for i in range(begin, end):
             cell = rows.cells[i]
-            rest_a, rest_b = a[cell] - told[i, 0], b[cell] - told[i, 1]
-            if min(rest_a, rest_b) < _LEAST:
-                rest_a, rest_b = a[cell], b[cell]
-            u[i - begin] = rest_a / (rest_a + rest_b)
+            remainder_a, remainder_b = a[cell] - added[i, 0], b[cell] - added[i, 1]
+            if min(remainder_a, remainder_b) < _LEAST:
+                remainder_a, remainder_b = a[cell], b[cell]
+            u[i - begin] = remainder_a / (remainder_a + remainder_b)
         chances(rows, begin, end, detection, u, d)
         count = factor(rows, beam, noise, u, groups, starts)
         for g in range(count):
@@ -170,23 +170,23 @@ def revisit_beams(
             for j in range(starts[g], starts[g + 1]):
                 i = begin + j
                 cell = rows.cells[i]
-                rest_a, rest_b = a[cell] - told[i, 0], b[cell] - told[i, 1]
-                if min(rest_a, rest_b) < _LEAST:
-                    left += 1
+                remainder_a, remainder_b = a[cell] - added[i, 0], b[cell] - added[i, 1]
+                if min(remainder_a, remainder_b) < _LEAST:
+                    left_out += 1
                     continue
                 part = gain * (silent / u[j])
                 mu0 = max(base + part, 0.0)
                 mu1 = max(base + part * (1.0 - d[j]), 0.0)
-                new_a, new_b = _moment_matched(rest_a, rest_b, mu0, mu1)
+                new_a, new_b = _moment_matched(remainder_a, remainder_b, mu0, mu1)
                 # As it is stored, so that the same is taken out again.
-                say_a = np.float32(keep * told[i, 0] + (1.0 - keep) * (new_a - rest_a))
-                say_b = np.float32(keep * told[i, 1] + (1.0 - keep) * (new_b - rest_b))
-                if min(rest_a + say_a, rest_b + say_b) < _LEAST:
-                    left += 1
+                say_a = np.float32(keep * added[i, 0] + (1.0 - keep) * (new_a - remainder_a))
+                say_b = np.float32(keep * added[i, 1] + (1.0 - keep) * (new_b - remainder_b))
+                if min(remainder_a + say_a, remainder_b + say_b) < _LEAST:
+                    left_out += 1
                     continue
-                a[cell], b[cell] = rest_a + say_a, rest_b + say_b
-                told[i, 0], told[i, 1] = say_a, say_b
-    return left
+                a[cell], b[cell] = remainder_a + say_a, remainder_b + say_b
+                added[i, 0], added[i, 1] = say_a, say_b
+    return left_out
 
 
 @kernel
@@ -201,14 +201,14 @@ def expected_counts(
 ) -> float:
     """Add to each cell how many beams it is expected to have returned and to have let pass.
 
-    With R the chance that no other cell of the bin returns the beam and rest = (1 - R) L_k + R B_k,
-    of a cell with reflectivity o
+    With R the chance that no other cell of the bin returns the beam and remainder = (1 - R) L_k + R
+    B_k, of a cell with reflectivity o
 
-        hit = T_k o [d L_k + (1 - d) rest] / Z,  miss = T_k (1 - o) rest / Z
+        hit = T_k o [d L_k + (1 - d) remainder] / Z,  miss = T_k (1 - o) remainder / Z
 
-    or, of trials that tell something of o alone, hit = T_k d o L_k / Z and
-    miss = T_k d (1 - o) rest / Z. Both have the same fixed points o = hit / (hit + miss); kept as
-    counts of a Beta distribution only the second are not over-confident where d < 1.
+    or, of trials that tell something about o alone, hit = T_k d o L_k / Z and
+    miss = T_k d (1 - o) remainder / Z. Both have the same fixed points o = hit / (hit + miss); kept
+    as counts of a Beta distribution only the second are not over-confident where d < 1.
 
     Args:
         rows: the beams.
@@ -242,13 +242,13 @@ def expected_counts(
                 cell = rows.cells[begin + j]
                 o = reflectivity[cell]
                 alone = silent / u[j]
-                rest = (1.0 - alone) * here + alone * behind
+                remainder = (1.0 - alone) * here + alone * behind
                 if informative:
                     hit = through * d[j] * o * here
-                    miss = through * d[j] * (1.0 - o) * rest
+                    miss = through * d[j] * (1.0 - o) * remainder
                 else:
-                    hit = through * o * (d[j] * here + (1.0 - d[j]) * rest)
-                    miss = through * (1.0 - o) * rest
+                    hit = through * o * (d[j] * here + (1.0 - d[j]) * remainder)
+                    miss = through * (1.0 - o) * remainder
                 hits[cell] += np.int64(np.rint(hit * VOTE))
                 passes[cell] += np.int64(np.rint(miss * VOTE))
     return total

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Cells of a window become numbers: blocks of cells are numbered in the order of their first use.
 
-Memory is then one row a cell of the blocks that beams touch, however large the window is.
+Memory is then one row per cell of the blocks that beams touch, however large the window is.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ Places = npt.NDArray[np.signedinteger]
 @inlined
 def _split(place: int, shape: IntArray, side: int, strides: IntArray) -> tuple[int, int]:
     # Block of the window, and place in the block, of a place in the window (x fastest in all).
-    rest, block, within, span = np.int64(place), np.int64(0), np.int64(0), np.int64(1)
+    remainder, block, within, span = np.int64(place), np.int64(0), np.int64(0), np.int64(1)
     for axis in range(shape.shape[0]):
-        cell = rest % shape[axis]
-        rest //= shape[axis]
+        cell = remainder % shape[axis]
+        remainder //= shape[axis]
         along = cell // side
         block += along * strides[axis]
         within += (cell - along * side) * span

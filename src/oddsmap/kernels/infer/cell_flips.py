@@ -3,8 +3,8 @@
 
 The binary relatives of `beam_factor.py`. A cell's odds given all others take O(1) for each beam
 that meets it (`incremental_likelihood.py`); when it is turned over, the bins of its beams are gone
-through again. The sums are made anew each time, so that nothing drifts. Gibbs sampling draws each
-cell given all others; hill climbing takes what is more probable.
+through again. The sums are computed again each time, so that nothing drifts. Gibbs sampling draws
+each cell given all others; hill climbing takes what is more probable.
 
 Source: Geman and Geman, Stochastic relaxation (1984); Besag, On the statistical analysis of dirty
 pictures (1986); the beams' part is derived in docs/method/full-map.md.
@@ -33,7 +33,7 @@ __all__ = ["climb_sweep", "conditional", "gibbs_sweep"]
 FloatArray = npt.NDArray[np.float64]
 State = npt.NDArray[np.uint8]
 
-# Odds this near to 0 are a draw: rounding must not turn a cell over and back for ever.
+# Odds this near to 0 are a draw: rounding must not turn a cell over and back forever.
 _DRAW = 1e-9
 
 
@@ -42,7 +42,7 @@ def _log_odds(
     bins: BeamBins,
     of_cells: CellRows,
     detection: FloatArray,
-    beside: npt.NDArray[np.int32],
+    neighbours: npt.NDArray[np.int32],
     field: FloatArray,
     strength: float,
     state: State,
@@ -50,8 +50,8 @@ def _log_odds(
 ) -> float:
     # Of one cell given all others.
     total = field[cell if field.shape[0] > 1 else 0]
-    for way in range(beside.shape[1]):
-        other = beside[cell, way]
+    for way in range(neighbours.shape[1]):
+        other = neighbours[cell, way]
         if other >= 0:
             total += strength * (2.0 * state[other] - 1.0)
     chance = chance_of(detection, cell)
@@ -61,7 +61,7 @@ def _log_odds(
         k = of_cells.bins[i]
         d = chance * of_cells.fractions[i]
         part = bins.gain[k] / quiet(d, state[cell])
-        # 1e-300: a reading that no map of these two explains says nothing of the cell.
+        # 1e-300: a reading that no map of these two explains says nothing about the cell.
         ratio = max(bins.base[k] + part * (1.0 - d), 1e-300) / max(bins.base[k] + part, 1e-300)
         odds *= min(max(ratio, 1e-200), 1e200)
         if odds < 1e-100 or odds > 1e100:
@@ -91,7 +91,7 @@ def conditional(
     bins: BeamBins,
     of_cells: CellRows,
     detection: FloatArray,
-    beside: npt.NDArray[np.int32],
+    neighbours: npt.NDArray[np.int32],
     field: FloatArray,
     strength: float,
     state: State,
@@ -103,14 +103,14 @@ def conditional(
         bins: as `renew_all` leaves them.
         of_cells: as `turn_rows` leaves them.
         detection: see `renew_all`.
-        beside: numbers of each cell's neighbours, -1 where there is none, shape (cells, 2 d).
+        neighbours: numbers of each cell's neighbours, -1 where there is none, shape (cells, 2 d).
         field: log odds of the prior without neighbours, for each cell or one for all, shape (1,).
         strength: J of the prior exp(J [m_i = m_j]) on pairs of neighbours.
         state: 1 where a cell is occupied, shape (cells,).
         out: takes the log odds, shape (cells,).
     """
     for cell in range(state.shape[0]):
-        out[cell] = _log_odds(bins, of_cells, detection, beside, field, strength, state, cell)
+        out[cell] = _log_odds(bins, of_cells, detection, neighbours, field, strength, state, cell)
 
 
 @kernel
@@ -119,7 +119,7 @@ def gibbs_sweep(
     bins: BeamBins,
     of_cells: CellRows,
     detection: FloatArray,
-    beside: npt.NDArray[np.int32],
+    neighbours: npt.NDArray[np.int32],
     field: FloatArray,
     strength: float,
     uniform: FloatArray,
@@ -133,7 +133,7 @@ def gibbs_sweep(
         bins: and the next five as in `conditional`; the bins are changed with the map.
         of_cells: see there.
         detection: see there.
-        beside: see there.
+        neighbours: see there.
         field: see there.
         strength: see there.
         uniform: numbers drawn from [0, 1), shape (cells,).
@@ -145,7 +145,7 @@ def gibbs_sweep(
     """
     flips = 0
     for cell in range(state.shape[0]):
-        odds = _log_odds(bins, of_cells, detection, beside, field, strength, state, cell)
+        odds = _log_odds(bins, of_cells, detection, neighbours, field, strength, state, cell)
         p = 1.0 / (1.0 + math.exp(-odds))
         total[cell] += p
         if (uniform[cell] < p) != (state[cell] == 1):
@@ -160,12 +160,12 @@ def climb_sweep(
     bins: BeamBins,
     of_cells: CellRows,
     detection: FloatArray,
-    beside: npt.NDArray[np.int32],
+    neighbours: npt.NDArray[np.int32],
     field: FloatArray,
     strength: float,
     state: State,
 ) -> int:
-    """Turn over each cell of which the other state is more probable, given all others.
+    """Turn over each cell whose other state is more probable, given all others.
 
     Arguments as in `gibbs_sweep`. No step lowers the posterior of the map.
 
@@ -174,7 +174,7 @@ def climb_sweep(
     """
     flips = 0
     for cell in range(state.shape[0]):
-        odds = _log_odds(bins, of_cells, detection, beside, field, strength, state, cell)
+        odds = _log_odds(bins, of_cells, detection, neighbours, field, strength, state, cell)
         if (odds < -_DRAW) if state[cell] == 1 else (odds > _DRAW):
             _flip(rows, bins, of_cells, detection, state, cell)
             flips += 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What full-map estimation knows of a cell beside its belief."""
+"""What full-map estimation knows about a cell besides its belief."""
 
 from __future__ import annotations
 

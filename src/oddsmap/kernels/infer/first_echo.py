@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import inlined, kernel
 
-__all__ = ["Noise", "bin_likelihoods", "first_echoes", "given", "likelihoods"]
+__all__ = ["Noise", "bin_likelihoods", "echo_likelihood", "first_echoes", "likelihoods"]
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -37,7 +37,7 @@ class Noise(NamedTuple):
 
 
 @inlined
-def given(k: int, reading: float, noise: Noise) -> float:
+def echo_likelihood(k: int, reading: float, noise: Noise) -> float:
     """L_k = p(z | first echo from bin k), or L_inf = p(z | no echo) for k = -1.
 
     Args:
@@ -67,7 +67,7 @@ def given(k: int, reading: float, noise: Noise) -> float:
 
 @kernel
 def bin_likelihoods(reading: float, noise: Noise, out: FloatArray) -> float:
-    """L_k for k = 0, 1, ..., see `given`.
+    """L_k for k = 0, 1, ..., see `echo_likelihood`.
 
     Args:
         reading: the range z [m]; at or above range_max: no return.
@@ -78,8 +78,8 @@ def bin_likelihoods(reading: float, noise: Noise, out: FloatArray) -> float:
         L_inf.
     """
     for k in range(out.shape[0]):
-        out[k] = given(k, reading, noise)
-    return given(-1, reading, noise)
+        out[k] = echo_likelihood(k, reading, noise)
+    return echo_likelihood(-1, reading, noise)
 
 
 @kernel
@@ -165,10 +165,10 @@ def likelihoods(
         detection: see there.
         out: the likelihoods, as in `bin_likelihoods`, shape (beams,).
     """
-    most = 0
+    max_bins = 0
     for i in range(bins.shape[0]):
-        most = max(most, bins[i] + 1)
-    echo, given = np.zeros(most), np.empty(most)
+        max_bins = max(max_bins, bins[i] + 1)
+    echo, by_bin = np.zeros(max_bins), np.empty(max_bins)
     for beam in range(readings.shape[0]):
         reading = readings[beam]
         if not reading >= noise.range_min:
@@ -177,8 +177,8 @@ def likelihoods(
         begin, end = offsets[beam], offsets[beam + 1]
         count = bins[end - 1] + 1 if end > begin else 0
         none = _first_echo(begin, end, cells, bins, fractions, occupancy, detection, echo[:count])
-        total = none * bin_likelihoods(reading, noise, given[:count])
+        total = none * bin_likelihoods(reading, noise, by_bin[:count])
         for k in range(count):
-            total += echo[k] * given[k]
+            total += echo[k] * by_bin[k]
             echo[k] = 0.0
         out[beam] = total

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.infer.beam_factor import BeamRows
-from oddsmap.kernels.infer.first_echo import Noise, given
+from oddsmap.kernels.infer.first_echo import Noise, echo_likelihood
 from oddsmap.kernels.jit import inlined, kernel
 
 __all__ = [
@@ -51,7 +51,7 @@ class BeamBins(NamedTuple):
     """First row of each bin and the end, shape (bins + 1,)."""
     beams: npt.NDArray[np.int32]
     """Beam of each bin, shape (bins,)."""
-    given: FloatArray
+    from_bin: FloatArray
     """L_k, shape (bins,)."""
     none: FloatArray
     """L_inf, shape (beams,)."""
@@ -102,12 +102,12 @@ def list_bins(rows: BeamRows, noise: Noise, bins: BeamBins) -> None:
         begin, end = rows.offsets[beam], rows.offsets[beam + 1]
         reading = rows.readings[beam]
         bins.offsets[beam] = count
-        bins.none[beam] = given(-1, reading, noise)
+        bins.none[beam] = echo_likelihood(-1, reading, noise)
         for i in range(begin, end):
             if i == begin or rows.bins[i] != rows.bins[i - 1]:
                 bins.rows[count] = i
                 bins.beams[count] = beam
-                bins.given[count] = given(np.int64(rows.bins[i]), reading, noise)
+                bins.from_bin[count] = echo_likelihood(np.int64(rows.bins[i]), reading, noise)
                 count += 1
     bins.offsets[rows.readings.shape[0]] = count
     bins.rows[count] = rows.cells.shape[0]
@@ -166,15 +166,15 @@ def renew(bins: BeamBins, beam: int) -> None:
     first, last = bins.offsets[beam], bins.offsets[beam + 1]
     through, before = 1.0, 0.0
     for k in range(first, last):
-        bins.base[k] = before + through * bins.given[k]
+        bins.base[k] = before + through * bins.from_bin[k]
         bins.gain[k] = through
-        before += through * (1.0 - bins.silent[k]) * bins.given[k]
+        before += through * (1.0 - bins.silent[k]) * bins.from_bin[k]
         through *= bins.silent[k]
     behind = bins.none[beam]
     bins.likelihood[beam] = before + through * behind
     for k in range(last - 1, first - 1, -1):
-        bins.gain[k] *= (behind - bins.given[k]) * bins.silent[k]
-        behind = (1.0 - bins.silent[k]) * bins.given[k] + bins.silent[k] * behind
+        bins.gain[k] *= (behind - bins.from_bin[k]) * bins.silent[k]
+        behind = (1.0 - bins.silent[k]) * bins.from_bin[k] + bins.silent[k] * behind
 
 
 @kernel

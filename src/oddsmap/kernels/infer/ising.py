@@ -2,7 +2,7 @@
 """Messages between neighbouring cells: a weak prior that cells are like their neighbours.
 
 The prior is exp(J [m_i = m_j]) on each pair that shares a side. With x the belief of j without
-what i told it,
+the message from i,
 
     lambda_{j -> i} = log (e^J e^x + 1) / (e^x + e^J),
 
@@ -25,7 +25,7 @@ IntArray = npt.NDArray[np.int64]
 
 
 @inlined
-def _told(x: float, strength: float) -> float:
+def _message(x: float, strength: float) -> float:
     # Stable for any x: divide both terms by the larger one.
     if x > 0:
         e = math.exp(-x)
@@ -35,9 +35,9 @@ def _told(x: float, strength: float) -> float:
 
 
 @inlined
-def _tell_around(
+def _send_around(
     block: int,
-    beside: npt.NDArray[np.int32],
+    neighbours: npt.NDArray[np.int32],
     side: int,
     d: int,
     strength: float,
@@ -61,14 +61,14 @@ def _tell_around(
                 if inside:
                     i = j + step
                 else:
-                    other = beside[block, way]
+                    other = neighbours[block, way]
                     if other < 0:
                         continue
                     i = other * cells + place - step * (side - 1)
-                # What i told j on this side is not told back to it.
+                # The message from i to j on this side is not sent back.
                 x = (belief[j] - messages[j, way]) / NAT
                 back = way ^ 1
-                new = np.int64(np.rint(_told(x, strength) * NAT))
+                new = np.int64(np.rint(_message(x, strength) * NAT))
                 change = new - messages[i, back]
                 belief[i] += change
                 messages[i, back] = np.int32(new)
@@ -79,7 +79,7 @@ def _tell_around(
 
 @kernel
 def pass_to_neighbours(
-    beside: npt.NDArray[np.int32],
+    neighbours: npt.NDArray[np.int32],
     side: int,
     d: int,
     strength: float,
@@ -89,38 +89,38 @@ def pass_to_neighbours(
     """Renew all messages between neighbours once, block by block, cell by cell.
 
     Args:
-        beside: number of the block on each side of a block, or -1, shape (blocks, 2 d): below and
-            above along x, then y, then z.
+        neighbours: number of the block on each side of a block, or -1, shape (blocks, 2 d): below
+            and above along x, then y, then z.
         side: cells along a block's side.
         d: dimensions.
         strength: J.
         belief: log odds of each cell [1 / NAT], block after block, x fastest; changed in place.
-        messages: what each cell was told by its neighbour on each side, shape (cells, 2 d).
+        messages: what each cell received from its neighbour on each side, shape (cells, 2 d).
 
     Returns:
         The sum of the messages' changes, in size [1 / NAT].
     """
     moved = np.int64(0)
-    for block in range(beside.shape[0]):
-        moved += _tell_around(block, beside, side, d, strength, belief, messages)
+    for block in range(neighbours.shape[0]):
+        moved += _send_around(block, neighbours, side, d, strength, belief, messages)
     return moved
 
 
 @kernel
 def pass_from_blocks(
     blocks: npt.NDArray[np.integer],
-    beside: npt.NDArray[np.int32],
+    neighbours: npt.NDArray[np.int32],
     side: int,
     d: int,
     strength: float,
     belief: IntArray,
     messages: npt.NDArray[np.int32],
 ) -> int:
-    """Renew the messages that the cells of some blocks tell their neighbours, in any block.
+    """Renew the messages that the cells of some blocks send to their neighbours, in any block.
 
     Args:
         blocks: numbers of the blocks, in turn.
-        beside: and the others as in `pass_to_neighbours`.
+        neighbours: and the others as in `pass_to_neighbours`.
         side: see there.
         d: see there.
         strength: see there.
@@ -132,5 +132,5 @@ def pass_from_blocks(
     """
     moved = np.int64(0)
     for n in range(blocks.shape[0]):
-        moved += _tell_around(blocks[n], beside, side, d, strength, belief, messages)
+        moved += _send_around(blocks[n], neighbours, side, d, strength, belief, messages)
     return moved

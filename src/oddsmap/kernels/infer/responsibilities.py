@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, beam_room, chances
-from oddsmap.kernels.infer.first_echo import Noise, given
+from oddsmap.kernels.infer.first_echo import Noise, echo_likelihood
 from oddsmap.kernels.jit import kernel
 
 __all__ = ["DROPOUT", "LIKELIHOOD", "RANDOM", "SQUARES", "causes"]
@@ -51,8 +51,8 @@ def causes(
             or one for all, shape (1,).
         belief: log odds of each cell [1 / NAT].
         messages: of each row [1 / NAT]; taken out of the belief.
-        out: takes p(z) as in `first_echo.given`, P(random reading | z), P(dropout | z) and the
-            sum over bins of P(true echo of k | z) (z - r_k)^2 [m^2], shape (beams, 4).
+        out: takes p(z) as in `first_echo.echo_likelihood`, P(random reading | z), P(dropout | z)
+            and the sum over bins of P(true echo of k | z) (z - r_k)^2 [m^2], shape (beams, 4).
     """
     u, d, _, _ = beam_room(rows)
     true = 1.0 - noise.p_random - noise.p_dropout
@@ -64,7 +64,7 @@ def causes(
         chances(rows, begin, end, detection, u, d)
         lost = reading >= noise.range_max
         # What the reading is likely by without a true echo, whatever stands there.
-        other = noise.p_dropout if lost else given(-1, reading, noise)
+        other = noise.p_dropout if lost else echo_likelihood(-1, reading, noise)
         through, heard, squares = 1.0, 0.0, 0.0
         i = begin
         while i < end:
@@ -73,7 +73,7 @@ def causes(
             while i < end and rows.bins[i] == k:
                 silent *= u[i - begin]
                 i += 1
-            echo = through * (1.0 - silent) * (given(k, reading, noise) - other)
+            echo = through * (1.0 - silent) * (echo_likelihood(k, reading, noise) - other)
             through *= silent
             heard += echo
             if not lost:

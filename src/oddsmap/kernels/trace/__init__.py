@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of which cells a beam or a cone crosses."""
+"""Kernels for which cells a beam or a cone crosses."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Readings to end points, for scans of any dimension.
 
-One pass over the beams in place of a dozen NumPy passes: 10 ns a beam instead of 110, which was as
-much as the mapping itself. The readable version is in tests/naive/beams.py.
+One pass over the beams in place of a dozen NumPy passes: 10 ns per beam instead of 110, which was
+as much as the mapping itself. The readable version is in tests/naive/beams.py.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __all__ = ["BODY", "HEIGHT", "ScanCells", "cell_bounds", "cut_beams"]
 
 HEIGHT, BODY = 3, 4
 """Why a hit is skipped: outside the heights that may mark, or on the robot's own body. In the
-counts they follow why a beam is: NAN, BELOW and LOST of `readings.py`."""
+counts they follow why a beam is: NAN, BELOW and NO_RETURN of `readings.py`."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -86,19 +86,19 @@ def cut_beams(
         limits: see `judge`.
         half_width: half the length of the occupied region [m].
         fade: the way before that region over which passes fade [m].
-        heights: least and most z in the map frame at which a return marks [m]; in space only.
-        body: least and most corner of the robot's body in the sensor frame [m], shape (2, 3): a
-            return in this box does not mark; in space only.
+        heights: lowest and highest z in the map frame at which a return marks [m]; 3D only.
+        body: lowest and highest corner of the robot's body in the sensor frame [m], shape (2, 3): a
+            return in this box does not mark; 3D only.
         ends: where the free part ends, shape (n, d), the first offsets[-1] rows are filled.
         tips: where the occupied part ends; may be `ends` itself where half_width is 0.
         fades: where passes begin to fade; may be `ends` itself where fade is 0.
         hit: False where the beam only clears, shape (n,).
         offsets: first usable beam of each bundle and the end, shape (bundles + 1,).
-        skipped: counts by NAN, BELOW, LOST, HEIGHT, BODY, added to.
+        skipped: counts by NAN, BELOW, NO_RETURN, HEIGHT, BODY, added to.
     """
-    # Scalars for three axes, the third of which rests in the plane: loops over axes of a length
+    # Scalars for three axes, the third of which is idle in 2D: loops over axes of a length
     # known only at run time cost three times as much.
-    space = origins.shape[1] == 3
+    in_3d = origins.shape[1] == 3
     used = 0
     offsets[0] = 0
     ox, oy, oz = 0.0, 0.0, 0.0
@@ -108,7 +108,7 @@ def cut_beams(
         ox, oy = origins[scan, 0], origins[scan, 1]
         xx, xy = rotations[scan, 0, 0], rotations[scan, 0, 1]
         yx, yy = rotations[scan, 1, 0], rotations[scan, 1, 1]
-        if space:
+        if in_3d:
             oz = origins[scan, 2]
             sx, sy, sz = shifts[scan, 0], shifts[scan, 1], shifts[scan, 2]
             xz, yz = rotations[scan, 0, 2], rotations[scan, 1, 2]
@@ -123,7 +123,7 @@ def cut_beams(
             seen = verdict == SEEN
             dx, dy = directions[i - start, 0], directions[i - start, 1]
             rx, ry, rz = xx * dx + xy * dy, yx * dx + yy * dy, 0.0
-            if space:
+            if in_3d:
                 dz = directions[i - start, 2]
                 rx, ry, rz = rx + xz * dz, ry + yz * dz, zx * dx + zy * dy + zz * dz
             if not math.isfinite(rx + ry + rz):
@@ -132,19 +132,19 @@ def cut_beams(
             half = half_width if seen else 0.0
             near = max(reach - half, 0.0)
             ends[used, 0], ends[used, 1] = ox + rx * near, oy + ry * near
-            if space:
+            if in_3d:
                 ends[used, 2] = oz + rz * near
             if fade > 0.0:
                 begin = max(near - fade, 0.0) if seen else near
                 fades[used, 0], fades[used, 1] = ox + rx * begin, oy + ry * begin
-                if space:
+                if in_3d:
                     fades[used, 2] = oz + rz * begin
             if half_width > 0.0:
                 far = reach + half
                 tips[used, 0], tips[used, 1] = ox + rx * far, oy + ry * far
-                if space:
+                if in_3d:
                     tips[used, 2] = oz + rz * far
-            if space and seen:
+            if in_3d and seen:
                 # Filters say what may mark, never what may clear.
                 z = oz + rz * reach
                 bx, by, bz = sx + dx * reach, sy + dy * reach, sz + dz * reach
@@ -183,12 +183,12 @@ def cell_bounds(
         way: sum over a bundle's points of their distance along the axes from the first `lo`
             (the sensor) [cells], shape (bundles,): bounds how many cells are passed.
     """
-    space = points.shape[1] == 3
+    in_3d = points.shape[1] == 3
     z0, z1, sz = 0.0, 0.0, 0.0
     for scan in range(offsets.shape[0] - 1):
         sx, sy = lo[scan, 0], lo[scan, 1]
         x0, x1, y0, y1 = sx, hi[scan, 0], sy, hi[scan, 1]
-        if space:
+        if in_3d:
             sz = lo[scan, 2]
             z0, z1 = sz, hi[scan, 2]
         total = 0.0
@@ -198,12 +198,12 @@ def cell_bounds(
             points[i, 0], points[i, 1] = x, y
             x0, x1, y0, y1 = min(x0, x), max(x1, x), min(y0, y), max(y1, y)
             total += abs(x - sx) + abs(y - sy)
-            if space:
+            if in_3d:
                 z = points[i, 2] / resolution
                 points[i, 2] = z
                 z0, z1 = min(z0, z), max(z1, z)
                 total += abs(z - sz)
         lo[scan, 0], hi[scan, 0], lo[scan, 1], hi[scan, 1] = x0, x1, y0, y1
-        if space:
+        if in_3d:
             lo[scan, 2], hi[scan, 2] = z0, z1
         way[scan] += total

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cells of one cone in the plane, exactly.
+"""The cells of one 2D cone, exactly.
 
 Seen from the sensor a cell spans an interval of angles, between two of its corners; the fraction
 is how much of it overlaps the cone's interval. A wedge cuts each row of cells in one interval of
-columns, so no cell beside the cone is looked at.
+columns, so no cell outside the cone is looked at.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def plane_cells(
         if x_min > x_max:
             continue
         # Columns may still be left where now x_min > x_max: how near a cell is goes by its nearest
-        # point, which may lie beside the cone.
+        # point, which may lie outside the cone.
         half = math.sqrt(far * far - dy * dy)
         x_min, x_max = min(max(x_min, -half), rim), max(min(x_max, half), -rim)
         column_first = max(math.floor(px + x_min), lo[0])
@@ -120,8 +120,8 @@ def _wedge_in_strip(
     ax: float,
     c: float,
 ) -> tuple[float, float]:
-    # Least and most x of the wedge between its sides r and l within ya <= y <= yb. A wedge of up
-    # to 180 degrees is convex, so its part in a strip begins and ends on a side, at the apex, or
+    # Lowest and highest x of the wedge between its sides r and l within ya <= y <= yb. A wedge of
+    # up to 180 degrees is convex, so its part in a strip begins and ends on a side, at the apex, or
     # nowhere: c is the cosine of half its angle, and the x axis itself may lie in it.
     x_min, x_max = np.inf, -np.inf
     if ya <= 0.0 <= yb:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cells of one cone in space, cells taken as balls.
+"""The cells of one 3D cone, cells taken as balls.
 
 A cube's outline as seen from the sensor has up to six corners; the part of it inside a cone has no
 short formula. So for the fraction (not for the range, which is that of the cube) a cell is a ball
@@ -173,13 +173,14 @@ def _lens(apart: float, small: float, large: float) -> float:
 
 @kernel
 def _extent(towards: float, half_angle: float, far: float) -> tuple[float, float]:
-    # Least and most coordinate of the cone's cells along the direction at whose cosine the axis is.
+    # Lowest and highest coordinate of the cone's cells along the direction at whose cosine the axis
+    # is.
     angle = math.acos(min(1.0, max(-1.0, towards)))
-    most = math.cos(max(0.0, angle - half_angle))
-    least = -math.cos(max(0.0, math.pi - angle - half_angle))
+    highest = math.cos(max(0.0, angle - half_angle))
+    lowest = -math.cos(max(0.0, math.pi - angle - half_angle))
     # Nearest points lie within `far`, centres and the ball about them up to a diagonal beyond.
     rim = far + 1.0
-    return min(0.0, rim * least) - 1.0, max(0.0, rim * most) + 1.0
+    return min(0.0, rim * lowest) - 1.0, max(0.0, rim * highest) + 1.0
 
 
 @kernel

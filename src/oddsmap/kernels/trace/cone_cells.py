@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which cells does a cone meet, from near to far, and how much of each?
 
-The geometry of the forward sensor model, for many beams of the plane or of space: each beam's
+The geometry of the forward sensor model, for many 2D or 3D beams: each beam's
 cells, sorted into range bins, in the rows of one table (offsets, then cells), so that a beam is
 gone through in one sweep.
 
@@ -12,7 +12,7 @@ gone through in one sweep.
   certain, however little of the cell it meets.
 - The cell that the sensor is in is left out: the sensor stands there, so it is free.
 
-Everything is in cells (position / resolution). The two kinds of space are in `cone2d.py`
+Everything is in cells (position / resolution). The two dimensions are in `cone2d.py`
 (exact) and `cone3d.py` (cells taken as balls).
 """
 
@@ -77,12 +77,12 @@ def list_cells(
     raw_cells = np.empty(room, np.int64)
     raw_bins = np.empty(room, np.int32)
     raw_fractions = np.empty(room, np.float64)
-    most = 0
+    max_bins = 0
     for i in range(first, reaches.shape[0]):
         if reaches[i] > 0.0:
-            most = max(most, int(reaches[i] / bin_width) + 1)
-    places = np.zeros(most + 1, np.int64)
-    space = origins.shape[1] == 3
+            max_bins = max(max_bins, int(reaches[i] / bin_width) + 1)
+    places = np.zeros(max_bins + 1, np.int64)
+    in_3d = origins.shape[1] == 3
     offsets[0] = 0
     used = 0
     for i in range(first, reaches.shape[0]):
@@ -90,7 +90,7 @@ def list_cells(
         count = 0
         if reach > bias:
             limit = room - used
-            if space:
+            if in_3d:
                 count = space_cells(
                     origins[i], axes[i], half_angle, bin_width, bias, reach, lo, shape,
                     limit, raw_cells, raw_bins, raw_fractions,

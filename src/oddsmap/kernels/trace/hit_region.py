@@ -123,12 +123,12 @@ def zone_cells(
         weights[0] = ONE
         return 1
     count = walk(ends[i], tips[i], cells, left)
-    given = np.int64(0)
+    assigned = np.int64(0)
     for k in range(count):
         # Differences of a rounded running sum: the shares of one beam add up to ONE exactly.
         total = np.int64(np.rint(_mass_until(left[k], way, shape) * ONE))
-        weights[k] = total - given if shape.share else ONE
-        given = total
+        weights[k] = total - assigned if shape.share else ONE
+        assigned = total
     return count
 
 

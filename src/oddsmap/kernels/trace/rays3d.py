@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which cells of space does a ray pass? Exact, in slabs along its dominant axis.
+"""Which 3D cells does a ray pass? Exact, in slabs along its dominant axis.
 
 The rules are those of `segments2d.py`, one dimension up: a ray passes a cell if and only if it has
 positive length inside it. Along the dominant axis a (b < c are the others) the ray is cut at the
@@ -12,7 +12,7 @@ slab to slab. They count from the cell border that is nearest to the start point
 of it; from the window's corner, rounding would differ between sides of tiles. An edge counts as
 touched when the ray comes within 2^-28 cell of it.
 
-Rays are set up many at a time, in a loop without branches that vectorises (7 ns a ray instead of
+Rays are set up many at a time, in a loop without branches that vectorises (7 ns per ray instead of
 22), then listed one by one.
 """
 
@@ -268,8 +268,8 @@ def emit_ray(
     u_zero, v_zero = np.int32(table[ZERO_U + ray]), np.int32(table[ZERO_V + ray])
     # Signed so that ways to the border that is met are positive.
     qu, qv = np.copysign(su, sv), np.copysign(sv, su)
-    # Rounded up to whole vectors: most rays list a dozen slabs, and a scalar rest would cost 10 %
-    # of a scan. The buffer has room, and the rest is not counted.
+    # Rounded up to whole vectors: most rays list a dozen slabs, and a scalar remainder would cost
+    # 10 % of a scan. The buffer has room, and the remainder is not counted.
     for k in range((inner + 7) & -8):
         cell = code(column + ((k ^ falls) - falls))
         place = cell * a_near + (cell >> bits) * a_block

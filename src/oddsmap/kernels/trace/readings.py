@@ -15,11 +15,11 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import inlined, kernel
 
-__all__ = ["BELOW", "CLEARS", "LOST", "NAN", "SEEN", "Limits", "judge", "judge_all"]
+__all__ = ["BELOW", "CLEARS", "NAN", "NO_RETURN", "SEEN", "Limits", "judge", "judge_all"]
 
 FloatArray = npt.NDArray[np.float64]
 
-NAN, BELOW, LOST, CLEARS, SEEN = 0, 1, 2, 3, 4
+NAN, BELOW, NO_RETURN, CLEARS, SEEN = 0, 1, 2, 3, 4
 """No number; below range_min; a no-return that clears nothing; one that clears; a return."""
 
 Limits: TypeAlias = tuple[float, float, float, float]
@@ -38,7 +38,7 @@ def judge(reading: float, limits: Limits) -> tuple[int, float]:
         return SEEN, reading
     reach = limits[2] if reading == np.inf else limits[3]
     if math.isnan(reach):
-        return LOST, math.nan
+        return NO_RETURN, math.nan
     return CLEARS, reach
 
 

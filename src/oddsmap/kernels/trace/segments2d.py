@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which cells of the plane does a segment pass? Exact, in slabs along its dominant axis.
+"""Which 2D cells does a segment pass? Exact, in slabs along its dominant axis.
 
 Cells are half-open squares of side 1. A segment passes a cell if and only if it has positive
 length inside it; corners and borders that are only touched do not count, and the cell of its end
@@ -212,7 +212,7 @@ def emit_passes(
     lower, upper = (touch, -touch) if slope >= 0 else (-touch, touch)
 
     # Slab 0: from the start point to the first border, or to the end point. The two ends of a
-    # segment are computed without branches that beams would take at random (17 ns a beam).
+    # segment are computed without branches that beams would take at random (17 ns per beam).
     leave = (y + upper) >> BITS
     other = min(start, leave) if falls else max(start, leave)
     keep = 1
@@ -235,8 +235,9 @@ def emit_passes(
         first, last = _inner_range(table, i, skip, box)
     inner = max(0, last + 1 - first)
     # Two runs of contiguous stores at unsigned indices: this loop vectorises, and it is where
-    # mapping spends its time. Rounded up to whole vectors: a scalar rest would cost 10 ns a beam.
-    # The buffer has room, and the rest is not counted.
+    # mapping spends its time. Rounded up to whole vectors: a scalar remainder would cost 10 ns per
+    # beam.
+    # The buffer has room, and the remainder is not counted.
     place = base + first * along
     entry_y = y + (first - 1) * slope + lower
     leave_y = y + first * slope + upper

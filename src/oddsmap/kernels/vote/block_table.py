@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Memory for the blocks of a window, given when a block is first touched."""
+"""Memory for the blocks of a window, made when a block is first touched."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weights of single cells, of a plane or of space, gathered scan by scan.
+"""Weights of single cells, 2D or 3D, gathered scan by scan.
 
-For sensors that say themselves which cells a reading speaks of (a cone, a camera that sees the
+For sensors that list the cells of a reading themselves (a cone, a camera that sees the
 cells): what the rays of `rays2d.py` and `rays3d.py` do not have to list, because it is
 implied. The window is `rays3d.py`'s: a table of blocks, memory where a block is touched.
 """
@@ -55,22 +55,22 @@ def gather_cells(
     Returns:
         Which to go on with once there is room for more blocks; -1 when done.
     """
-    # Scalars for three axes, the third of which rests in the plane. Cells come in runs: most are in
+    # Scalars for three axes, the third of which is idle in 2D. Cells come in runs: most are in
     # the block of the one before, and need neither a division nor the table.
-    space = index.shape[1] == 3
-    cells = side * side * side if space else side * side
+    in_3d = index.shape[1] == 3
+    cells = side * side * side if in_3d else side * side
     room = used.shape[0] - 1
     block_x, block_y, block_z, at_block = lo[0] - side, lo[1], np.int64(0), np.int64(0)
     z = np.int64(0)
     for i in range(first, end):
         x, y = index[i, 0] - block_x, index[i, 1] - block_y
-        if space:
+        if in_3d:
             z = index[i, 2] - block_z
         if not (0 <= x < side and 0 <= y < side and 0 <= z < side):
             along_x, along_y = (index[i, 0] - lo[0]) // side, (index[i, 1] - lo[1]) // side
             block = along_x * strides[0] + along_y * strides[1]
             block_x, block_y = lo[0] + along_x * side, lo[1] + along_y * side
-            if space:
+            if in_3d:
                 along_z = (index[i, 2] - lo[2]) // side
                 block += along_z * strides[2]
                 block_z = lo[2] + along_z * side
@@ -97,7 +97,7 @@ def gather_cells(
 
 @borrowing
 def cell_box(index: IntArray, first: int, end: int, lo: IntArray, hi: IntArray) -> None:
-    """The least and the largest index of some cells, along each axis.
+    """The lowest and the highest index of some cells, along each axis.
 
     NumPy's min and max along the short rows of `index` take longer than adding the votes.
 
@@ -105,14 +105,14 @@ def cell_box(index: IntArray, first: int, end: int, lo: IntArray, hi: IntArray) 
         index: cells, shape (n, d).
         first: which to begin with.
         end: past the last one, above `first`.
-        lo: takes the least, shape (d,).
-        hi: takes the largest, shape (d,).
+        lo: takes the lowest, shape (d,).
+        hi: takes the highest, shape (d,).
     """
     for axis in range(index.shape[1]):
-        least = most = index[first, axis]
+        lowest = highest = index[first, axis]
         for i in range(first, end):
-            least, most = min(least, index[i, axis]), max(most, index[i, axis])
-        lo[axis], hi[axis] = least, most
+            lowest, highest = min(lowest, index[i, axis]), max(highest, index[i, axis])
+        lo[axis], hi[axis] = lowest, highest
 
 
 @kernel
@@ -145,10 +145,10 @@ def apply_counts(
     cells = tiles.narrow.shape[2]
     fits = True
     for slot in range(1, used[0] + 1):
-        rest = used[slot]
+        remainder = used[slot]
         for axis in range(d):
-            key[axis] = first_tile[axis] + rest % shape[axis]
-            rest //= shape[axis]
+            key[axis] = first_tile[axis] + remainder % shape[axis]
+            remainder //= shape[axis]
         part = weights[:, slot * cells : (slot + 1) * cells]
         if not every_beam:
             for k in range(cells):

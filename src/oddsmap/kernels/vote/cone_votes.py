@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cells of wide beams and their votes, in the plane and in space.
+"""The cells of wide beams and their votes, in 2D and in 3D.
 
-A plane is taken as the one layer of space in which the sensor is, so one kernel serves both. Cells
-are visited row by row along x; each row's interval comes from a quadratic, widened by half a cell,
-and only the test of the cell itself decides. The rule in words is `ConeSensor`'s; as a loop over
-all cells it is in tests/naive/cones.py.
+A 2D map is taken as the one layer of a 3D map in which the sensor is, so one kernel serves both.
+Cells are visited row by row along x; each row's interval comes from a quadratic, widened by half a
+cell, and only the test of the cell itself decides. The rule in words is `ConeSensor`'s; as a loop
+over all cells it is in tests/naive/cones.py.
 """
 
 from __future__ import annotations
@@ -95,17 +95,17 @@ def _span(
 ) -> tuple[float, float]:
     """The part of a row that is inside a cone, within an interval; (1, -1) for none.
 
-    The row's points are x along it, at a squared distance s beside the apex; a x + b is their
+    The row's points are x along it, at a squared distance s from the apex; a x + b is their
     component along the axis of the cone. Not exact to the last digits.
     """
     square = a * a - cosine_squared
     if abs(square) < _PARALLEL:
         return low, high
     linear = a * b
-    rest = square * (b * b - cosine_squared * s)
-    discriminant = linear * linear - rest
+    remainder = square * (b * b - cosine_squared * s)
+    discriminant = linear * linear - remainder
     root = math.sqrt(max(0.0, discriminant))
-    if square > 0.0:  # the row goes on inside the cone for ever
+    if square > 0.0:  # the row goes on inside the cone forever
         if a > 0.0:
             return max(low, (root - linear) / square), high
         return low, min(high, (-root - linear) / square)
@@ -165,14 +165,14 @@ def list_cones(cones: Cones, model: ConeModel, first: int, offsets: IntArray, ro
 @borrowing
 def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, used: int) -> int:
     # One beam's entries from `used` on; returns where they end, -1 without room for them.
-    space = cones.origins.shape[1] == 3
-    # Relative to the cell of the sensor: UTM coordinates cost no digits. In the plane z is level.
+    in_3d = cones.origins.shape[1] == 3
+    # Relative to the cell of the sensor: UTM coordinates cost no digits. In 2D z is level.
     cell_x, cell_y = math.floor(cones.origins[scan, 0]), math.floor(cones.origins[scan, 1])
     fx, fy, fz = cones.origins[scan, 0] - cell_x, cones.origins[scan, 1] - cell_y, 0.5
     ax, ay, az = cones.axes[i, 0], cones.axes[i, 1], 0.0
     to_x, to_y, to_z = cones.ends[i, 0] - cell_x, cones.ends[i, 1] - cell_y, 0.5
     cell_z = 0.0
-    if space:
+    if in_3d:
         cell_z = math.floor(cones.origins[scan, 2])
         fz = cones.origins[scan, 2] - cell_z
         az = cones.axes[i, 2]
@@ -195,7 +195,7 @@ def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, us
         flat = ay * ay + az * az
         ring = flat > model.sine * model.sine
         qy, qz, wide = 0.0, 0.0, 0.0
-        if space:
+        if in_3d:
             z_lo, z_hi = -far * _extent(-az, model), far * _extent(az, model)
             if ring:
                 qy, qz = ay / math.sqrt(flat), az / math.sqrt(flat)
@@ -203,22 +203,22 @@ def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, us
         ball = far * far * (1.0 + 1e-12)
         for iz in range(math.ceil(z_lo + fz - 1.0), math.floor(z_hi + fz) + 1):
             z = (iz + 0.5) - fz
-            rest = ball - z * z
-            if rest < 0.0:
+            remainder = ball - z * z
+            if remainder < 0.0:
                 continue
-            low, high = max(y_lo, -math.sqrt(rest)), min(y_hi, math.sqrt(rest))
-            if space and ring:
+            low, high = max(y_lo, -math.sqrt(remainder)), min(y_hi, math.sqrt(remainder))
+            if in_3d and ring:
                 low, high = _span(qy, qz * z, z * z, wide, low, high)
             for iy in range(math.ceil(low + fy - 1.0), math.floor(high + fy) + 1):
                 y = (iy + 0.5) - fy
                 s = y * y + z * z
-                rest = ball - s
-                if rest < 0.0:
+                remainder = ball - s
+                if remainder < 0.0:
                     continue
                 b = ay * y + az * z
                 left, right = _span(
                     ax, b, s, model.cosine * model.cosine,
-                    max(x_lo, -math.sqrt(rest)), min(x_hi, math.sqrt(rest)),
+                    max(x_lo, -math.sqrt(remainder)), min(x_hi, math.sqrt(remainder)),
                 )  # fmt: skip
                 begin, end = math.ceil(left + fx - 1.0), math.floor(right + fx) + 1
                 if used + (end - begin) > capacity:
@@ -243,12 +243,12 @@ def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, us
                         continue
                     room.index[used, 0] = np.int64(cell_x) + ix
                     room.index[used, 1] = np.int64(cell_y) + iy
-                    if space:
+                    if in_3d:
                         room.index[used, 2] = np.int64(cell_z) + iz
                     used += 1
 
     # The cells that the axis passes, from border to border (Amanatides and Woo 1987): those whose
-    # centre is beside the cone are not listed yet.
+    # centre is outside the cone are not listed yet.
     jx, last_x, step_x, next_x, side_x = _steps(fx, to_x)
     jy, last_y, step_y, next_y, side_y = _steps(fy, to_y)
     jz, last_z, step_z, next_z, side_z = _steps(fz, to_z)
@@ -262,8 +262,8 @@ def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, us
         if passed and not (jx == end_x and jy == end_y and jz == end_z):
             x, y, z = (jx + 0.5) - fx, (jy + 0.5) - fy, (jz + 0.5) - fz
             r = math.sqrt(x * x + (y * y + z * z))
-            beside = ax * x + (ay * y + az * z) < model.cosine * r
-            if beside and (r < near or (hit and r <= far)):
+            outside = ax * x + (ay * y + az * z) < model.cosine * r
+            if outside and (r < near or (hit and r <= far)):
                 if used == capacity:
                     return -1
                 room.hits[used], room.passes[used] = 0, 0
@@ -274,7 +274,7 @@ def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, us
                     arcs += 1
                 room.index[used, 0] = np.int64(cell_x) + jx
                 room.index[used, 1] = np.int64(cell_y) + jy
-                if space:
+                if in_3d:
                     room.index[used, 2] = np.int64(cell_z) + jz
                 used += 1
         if jx == last_x and jy == last_y and jz == last_z:
@@ -298,7 +298,7 @@ def _list_cone(cones: Cones, model: ConeModel, scan: int, i: int, room: Room, us
     room.hits[used], room.passes[used] = 0, 0
     room.index[used, 0] = np.int64(cell_x) + np.int64(end_x)
     room.index[used, 1] = np.int64(cell_y) + np.int64(end_y)
-    if space:
+    if in_3d:
         room.index[used, 2] = np.int64(cell_z) + np.int64(end_z)
     _share_hit(room, arcs, model.share)
     return used + 1
@@ -329,11 +329,11 @@ def _share_hit(room: Room, arcs: int, share: bool) -> None:
         for k in range(arcs):
             room.hits[room.arc[k]] = np.int64(np.rint(ONE * room.shares[k]))
     elif total > 0.0:
-        running, given = 0.0, np.int64(0)
+        running, assigned = 0.0, np.int64(0)
         for k in range(arcs):
             running += room.shares[k]
             upto = np.int64(np.rint(ONE * (running / total)))
-            room.hits[room.arc[k]] = upto - given
-            given = upto
+            room.hits[room.arc[k]] = upto - assigned
+            assigned = upto
     else:  # beyond what the falloff leaves a weight to: the axis has it all
         room.hits[room.arc[arcs - 1]] = ONE

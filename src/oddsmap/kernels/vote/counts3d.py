@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scans of space whose votes add up, or whose hits have a width: weights, not marks.
+"""3D scans whose votes add up, or whose hits have a width: weights, not marks.
 
-As `rays3d.py`, with two weights of 64 bits a cell in place of one byte and every ray gone
+As `rays3d.py`, with two weights of 64 bits per cell in place of one byte and every ray gone
 through whole: a ray that passes a marked cell has a vote to add there.
 """
 

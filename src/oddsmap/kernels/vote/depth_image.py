@@ -3,11 +3,11 @@
 
 A cell is free if its centre falls on a pixel whose depth lies beyond it by at least half a cell's
 diagonal. Cells are asked in boxes first, the window, its eighths and so on down to blocks, each of
-which a pyramid of least and most depths may settle at once: all behind, or all free. Hits are the
-end cells of the pixels' rays, to the bit those of the ray method.
+which a pyramid of lowest and highest depths may decide at once: all behind, or all free. Hits are
+the end cells of the pixels' rays, to the bit those of the ray method.
 
 Whether a cell is free is computed from its index and the pose alone, by the same operations in the
-same order, so that no window and no tile size changes a bit. Boxes are settled with a margin wider
+same order, so that no window and no tile size changes a bit. Boxes are decided with a margin wider
 than rounding, and so never other than their cells one by one.
 """
 
@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing, inlined, kernel
 from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT
-from oddsmap.kernels.trace.readings import BELOW, CLEARS, LOST, NAN, Limits, judge
+from oddsmap.kernels.trace.readings import BELOW, CLEARS, NAN, NO_RETURN, Limits, judge
 from oddsmap.kernels.vote.rays3d import FREE, OCCUPIED
 
 __all__ = ["TEXEL_BITS", "depth_box", "mark_ends", "mark_free", "read_depth"]
@@ -53,11 +53,11 @@ def read_depth(
     limits: Limits,
     clear: Image,
     seen: npt.NDArray[np.uint8],
-    least: npt.NDArray[np.float32],
-    most: npt.NDArray[np.float32],
+    min_clear: npt.NDArray[np.float32],
+    max_clear: npt.NDArray[np.float32],
     skipped: IntArray,
 ) -> int:
-    """Sort the pixels of an image into returns, no-returns and what says nothing; make a pyramid.
+    """Sort the pixels of an image into returns, no-returns and the rest, and make a pyramid.
 
     The rule is `judge`'s, for the distance along the pixel's ray. Returns are found by the same
     comparisons without branches, which the compiler vectorises.
@@ -68,10 +68,10 @@ def read_depth(
         limits: see `judge`.
         clear: takes the depth up to which each pixel clears [m], 0: it does not; shape (h, w).
         seen: takes 1 where there is a return, else 0; shape (h, w).
-        least: takes the least of `clear` in each texel, shape (levels, rows, columns). A texel of
-            level k has 8 << k pixels a side.
-        most: likewise the most.
-        skipped: counts by NAN, BELOW, LOST, added to.
+        min_clear: takes the lowest of `clear` in each texel, shape (levels, rows, columns). A texel
+            of level k has 8 << k pixels along each side.
+        max_clear: likewise the highest.
+        skipped: counts by NAN, BELOW, NO_RETURN, added to.
 
     Returns:
         How many pixels are used.
@@ -104,8 +104,8 @@ def read_depth(
                 if seen[v, u] or not 0.0 < d < np.inf:
                     continue
                 verdict, reach = judge(r, limits)
-                if verdict == LOST:
-                    skipped[LOST] += 1
+                if verdict == NO_RETURN:
+                    skipped[NO_RETURN] += 1
                 elif verdict == CLEARS:
                     clear[v, u] = np.float32(reach / range_per_depth[v, u])
                     used += 1
@@ -126,26 +126,26 @@ def read_depth(
                 a, b = low[first], high[first]
                 for u in range(first + 1, min(first + TEXEL, width)):
                     a, b = min(a, low[u]), max(b, high[u])
-                least[0, v >> TEXEL_BITS, column] = a
-                most[0, v >> TEXEL_BITS, column] = b
+                min_clear[0, v >> TEXEL_BITS, column] = a
+                max_clear[0, v >> TEXEL_BITS, column] = b
     rows = (height + TEXEL - 1) >> TEXEL_BITS
-    for level in range(1, least.shape[0]):
+    for level in range(1, min_clear.shape[0]):
         wide, tall = columns, rows
         columns, rows = (wide + 1) >> 1, (tall + 1) >> 1
         for y in range(rows):
             y0, y1 = 2 * y, min(2 * y + 1, tall - 1)
             for x in range(columns):
                 x0, x1 = 2 * x, min(2 * x + 1, wide - 1)
-                one, other = least[level - 1, y0], least[level - 1, y1]
-                least[level, y, x] = min(one[x0], one[x1], other[x0], other[x1])
-                one, other = most[level - 1, y0], most[level - 1, y1]
-                most[level, y, x] = max(one[x0], one[x1], other[x0], other[x1])
+                one, other = min_clear[level - 1, y0], min_clear[level - 1, y1]
+                min_clear[level, y, x] = min(one[x0], one[x1], other[x0], other[x1])
+                one, other = max_clear[level - 1, y0], max_clear[level - 1, y1]
+                max_clear[level, y, x] = max(one[x0], one[x1], other[x0], other[x1])
     return used
 
 
 @borrowing
 def depth_box(
-    most: npt.NDArray[np.float32],
+    max_clear: npt.NDArray[np.float32],
     intrinsics: tuple[float, float, float, float],
     size: tuple[int, int],
     rotation: FloatArray,
@@ -156,13 +156,13 @@ def depth_box(
     """Widen a box by all that an image may free or hit, up to the borders of its outer pixels.
 
     Args:
-        most: from `read_depth`.
+        max_clear: from `read_depth`.
         intrinsics: fx, fy, cx, cy.
         size: width and height of the image.
         rotation: map_from_sensor, shape (3, 3).
         block: side of a block [m].
-        lo: least corner, relative to the camera in the axes of the map [m], shape (3,).
-        hi: most corner.
+        lo: lowest corner, relative to the camera in the axes of the map [m], shape (3,).
+        hi: highest corner.
 
     Returns:
         A bound of how many blocks are touched: each texel's pyramid in a box along it.
@@ -174,7 +174,7 @@ def depth_box(
         y0 = ((row << TEXEL_BITS) - 0.5 - cy) / fy
         y1 = (min((row + 1) << TEXEL_BITS, height) - 0.5 - cy) / fy
         for column in range((width + TEXEL - 1) >> TEXEL_BITS):
-            depth = np.float64(most[0, row, column])
+            depth = np.float64(max_clear[0, row, column])
             if depth == 0.0:
                 continue
             x0 = ((column << TEXEL_BITS) - 0.5 - cx) / fx
@@ -192,36 +192,36 @@ def depth_box(
 
 
 @inlined
-def _most(places: FloatArray, what: int, x0: int, x1: int, y0: int, y1: int, z0: int, z1: int):  # type: ignore[no-untyped-def]
-    # The most of a linear function over a box of cells.
+def _peak(places: FloatArray, what: int, x0: int, x1: int, y0: int, y1: int, z0: int, z1: int):  # type: ignore[no-untyped-def]
+    # The maximum of a linear function over a box of cells.
     across = max(places[what, 0, x0], places[what, 0, x1])
     across += max(places[what, 1, y0], places[what, 1, y1])
     return across + max(places[what, 2, z0], places[what, 2, z1])
 
 
 @inlined
-def _settle(
+def _resolve(
     places: FloatArray,
     slack: FloatArray,
     half: float,
     size: tuple[int, int],
-    least: npt.NDArray[np.float32],
-    most: npt.NDArray[np.float32],
+    min_clear: npt.NDArray[np.float32],
+    max_clear: npt.NDArray[np.float32],
     first: tuple[int, int, int],
     last: tuple[int, int, int],
 ) -> int:
-    # Which cells of a box, given by its first and last cell, are free, as far as that is easily
-    # said: SOME stands for "ask further".
+    # Which cells of a box, given by its first and last cell, are free, as far as that is easy to
+    # tell: SOME stands for "ask further".
     x0, y0, z0 = first
     x1, y1, z1 = last
     answer = SOME
     for what in range(5):
-        if _most(places, what, x0, x1, y0, y1, z0, z1) < -slack[what]:
+        if _peak(places, what, x0, x1, y0, y1, z0, z1) < -slack[what]:
             answer = NONE
-    z_least = min(places[Z, 0, x0], places[Z, 0, x1]) + min(places[Z, 1, y0], places[Z, 1, y1])
-    z_least += min(places[Z, 2, z0], places[Z, 2, z1])
+    z_min = min(places[Z, 0, x0], places[Z, 0, x1]) + min(places[Z, 1, y0], places[Z, 1, y1])
+    z_min += min(places[Z, 2, z0], places[Z, 2, z1])
     # Nearer to the camera's plane, rounding would move projections by more than the margin.
-    if answer == SOME and z_least * PIXEL_MARGIN > max(slack[U], slack[V], slack[Z]):
+    if answer == SOME and z_min * PIXEL_MARGIN > max(slack[U], slack[V], slack[Z]):
         u_lo, u_hi, v_lo, v_hi = np.inf, -np.inf, np.inf, -np.inf
         for corner in range(8):
             x = np.uint64(x1 if corner & 1 else x0)
@@ -240,7 +240,7 @@ def _settle(
         left, right = np.int64(max(u_lo, 0.0)), np.int64(min(u_hi, width - 1.0))
         top, bottom = np.int64(max(v_lo, 0.0)), np.int64(min(v_hi, height - 1.0))
         if left <= right and top <= bottom:
-            # Up to 4 texels a side.
+            # Up to 4 texels per side.
             level = TEXEL_BITS
             across = max(right - left, bottom - top)
             while across >> level > 2:
@@ -249,12 +249,12 @@ def _settle(
             low, high = np.float32(np.inf), np.float32(0.0)
             for y in range(top >> level, (bottom >> level) + 1):
                 for x in range(left >> level, (right >> level) + 1):
-                    low = min(low, least[at, y, x])
-                    high = max(high, most[at, y, x])
-            z_most = _most(places, Z, x0, x1, y0, y1, z0, z1)
-            if z_least + half > high + slack[Z]:
+                    low = min(low, min_clear[at, y, x])
+                    high = max(high, max_clear[at, y, x])
+            z_max = _peak(places, Z, x0, x1, y0, y1, z0, z1)
+            if z_min + half > high + slack[Z]:
                 answer = NONE
-            elif whole and z_most + half < low - slack[Z]:
+            elif whole and z_max + half < low - slack[Z]:
                 answer = ALL
     return answer
 
@@ -265,8 +265,8 @@ def mark_free(
     slack: FloatArray,
     half: float,
     clear: Image,
-    least: npt.NDArray[np.float32],
-    most: npt.NDArray[np.float32],
+    min_clear: npt.NDArray[np.float32],
+    max_clear: npt.NDArray[np.float32],
     bits: int,
     shape: IntArray,
     table: npt.NDArray[np.int32],
@@ -281,11 +281,11 @@ def mark_free(
         slack: bounds the rounding of a sum of such parts, shape (5,).
         half: half of a cell's diagonal [m].
         clear: from `read_depth`.
-        least: from `read_depth`.
-        most: from `read_depth`.
+        min_clear: from `read_depth`.
+        max_clear: from `read_depth`.
         bits: log2 of the side of a block.
         shape: blocks of the window along each axis.
-        table: see `integrate3d.mark_scan`.
+        table: see `rays3d.mark_passes`.
         used: likewise.
         marks: likewise.
 
@@ -320,7 +320,7 @@ def mark_free(
             (min(by + span, ny) << bits) - 1,
             (min(bz + span, nz) << bits) - 1,
         )
-        free = _settle(places, slack, half, (width, height), least, most, first, last)
+        free = _resolve(places, slack, half, (width, height), min_clear, max_clear, first, last)
         if free == NONE:
             continue
         if level > 0:
@@ -415,7 +415,7 @@ def mark_ends(
 ) -> int:
     """Mark the end cells of the pixels with a return, to the bit those of the ray method.
 
-    Cells are first computed by multiplication (1 ns a pixel). Where that comes near a border of
+    Cells are first computed by multiplication (1 ns per pixel). Where that comes near a border of
     cells, it is done again by the operations of `cut_beams` and `cell_bounds`, with their six
     divisions (20 ns).
 
@@ -435,7 +435,7 @@ def mark_ends(
         strides: blocks between neighbours along each axis.
         margin: how near to a border rounding may decide [cells]; 1: every pixel is done exactly.
         codes: room for a row of cells, 32 or 64 bits each, see `emit_ray`; shape (w,).
-        table: see `integrate3d.mark_scan`.
+        table: see `rays3d.mark_passes`.
         used: likewise.
         marks: likewise.
         skipped: counts by HEIGHT, BODY, added to.

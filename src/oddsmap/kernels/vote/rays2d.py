@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scans of the plane into tiles: mark a window around each scan, then apply it tile by tile.
+"""2D scans into tiles: mark a window around each scan, then apply it tile by tile.
 
 The ray loop touches no hash: passes and hits are marked in a dense window that covers the scan,
 and the window is then swept once. A window too large to be held is cut into blocks, and the scan
-is gone through once a block; which block a cell falls in changes no bit.
+is traced once per block; which block a cell falls in changes no bit.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def mark_votes(
     block_tiles: int,
     room: Room,
 ) -> tuple[int, int]:
-    """Give each cell at most one whole vote a scan, hits before passes.
+    """Give each cell at most one whole vote per scan, hits before passes.
 
     Args:
         tiles: the tile store, changed in place.
@@ -111,7 +111,7 @@ def mark_votes(
         scans: the batch; `tips` is not read.
         first: scan to begin with.
         window: zeros, at least (block_tiles * side + 2)^2 long; zeros again afterwards.
-        block_tiles: the most tiles along a window's side.
+        block_tiles: how many tiles there may be along a window's side.
         room: to work in.
 
     Returns:
@@ -166,7 +166,7 @@ def _mark_passes(
             if half < _COARSEST and i + half < count:
                 skip = saturated_slabs(table, i, i - half, i + half)
             slabs = emit_passes(table, i, skip, box, clipped, stride, buffer, slabs)
-            # Many at a time: the end of a loop is a branch that is guessed wrong, 5 ns a beam.
+            # Many at a time: the end of a loop is a branch that is guessed wrong, 5 ns per beam.
             if slabs >= SLABS:
                 _mark(buffer, slabs, window)
                 slabs = 0
@@ -283,7 +283,7 @@ def count_votes(
         scans: the batch.
         first: scan to begin with.
         window: zeros, shape (2, at least (block_tiles * side + 2)^2); zeros again afterwards.
-        block_tiles: the most tiles along a window's side.
+        block_tiles: how many tiles there may be along a window's side.
         room: to work in.
         every_beam: True: the weights of a scan's beams add up. False: a cell gets the largest hit
             weight of the scan, and only if that is 0 the largest pass weight.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scan of space into tiles: mark the blocks that its rays touch, then apply them one by one.
+"""A 3D scan into tiles: mark the blocks that its rays touch, then apply them one by one.
 
-The window around a scan is a table of blocks, and a block gets memory (one byte a cell) when it is
-first touched: large windows cost their table only, and what is swept afterwards is what was marked.
-Blocks are the map's tiles, so the map's hash is asked once a block and scan.
+The window around a scan is a table of blocks, and a block gets memory (one byte per cell) when it
+is first touched: large windows cost their table only, and what is swept afterwards is what was
+marked. Blocks are the map's tiles, so the map's hash is asked once per block and scan.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Marks = npt.NDArray[np.uint8]
 COARSE = 8
 """Bins of directions along each side of a cube's face on the coarsest level, see `_advance`."""
 LEVELS = 3
-"""Each level has twice as many bins a side as the one before."""
+"""Each level has twice as many bins per side as the one before."""
 FINE = COARSE << (LEVELS - 1)
 BIN_COUNT = sum(6 * (COARSE << level) ** 2 for level in range(LEVELS))
 SLABS = 1024
@@ -57,8 +57,8 @@ def sort_rays(
         origin: start point [cells], shape (3,).
         ends: end points [cells], shape (n, 3).
         bins: takes the bin of each ray on the finest level, shape (n,).
-        spans: takes the extreme slopes of the rays of each bin, shape (BIN_COUNT, 4): least and
-            most of b, of c. A bin without rays has least > most.
+        spans: takes the extreme slopes of the rays of each bin, shape (BIN_COUNT, 4): lowest
+            and highest b, lowest and highest c. A bin without rays has lowest > highest.
     """
     finest = BIN_COUNT - 6 * FINE * FINE
     spans[:, 0] = 2.0
@@ -191,7 +191,7 @@ def mark_passes(
         buffer: room for their cells, shape (3, SLABS + those of one ray + 9).
         table: zeros, one for each block of the window.
         used: used[0] is how many blocks were touched; then their places in the table.
-        marks: zeros, one byte a cell, block after block, block 0 unused.
+        marks: zeros, one byte per cell, block after block, block 0 unused.
         first: where to go on; 0 at the first call.
 
     Returns:

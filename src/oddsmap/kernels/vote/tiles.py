@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sparse tiles of hits and passes: hash lookup, and adding without losing a vote.
 
-Each tile has two levels. `narrow` counts whole votes in one byte a cell and takes almost every
-addition; before a byte could run over, the tile is flushed into `wide`, which counts in units of
+Each tile has two levels. `narrow` counts whole votes in one byte per cell and takes almost every
+addition; before a byte could overflow, the tile is flushed into `wide`, which counts in units of
 1/65536 vote in 64 bits and also takes fractional votes. A cell's weight is the sum of the two.
 Most tiles of a 3D map never need `wide`, so a cell costs 2 bytes.
 """
@@ -123,7 +123,7 @@ def rehash(tiles: TileArrays) -> None:
 def has_room(tiles: TileArrays, touched: int, fractional: bool) -> bool:
     """Whether `touched` tiles can be added to, whichever they are, so that none is left half done.
 
-    Whole votes need wide rows only once a tile is full; `fractional` weights may always.
+    Whole votes need wide rows only once a tile is full; `fractional` weights may always need them.
     """
     after = tiles.counts[TILE_COUNT] + touched
     if after > tiles.coords.shape[0] or 2 * after > tiles.table.shape[0]:
@@ -183,11 +183,11 @@ def add_units(
 
     Whole votes that fit a byte go to `narrow`, everything else to `wide`.
     """
-    most, fraction = np.int64(0), np.int64(0)
+    max_weight, fraction = np.int64(0), np.int64(0)
     for cell in range(hits.shape[0]):
-        most = max(most, hits[cell], passes[cell])
+        max_weight = max(max_weight, hits[cell], passes[cell])
         fraction |= hits[cell] | passes[cell]
-    votes = most >> FRACTION_BITS
+    votes = max_weight >> FRACTION_BITS
     if fraction & (ONE - 1) == 0 and tiles.load[slot] + votes <= NARROW_MAX:
         narrow = tiles.narrow[slot]
         for cell in range(hits.shape[0]):
