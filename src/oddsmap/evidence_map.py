@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The map that people hold: evidence, with its views and its files.
+"""The map that users hold: evidence, with its views and its files.
 
 Every posterior is a view of the evidence, made when it is asked for.
 """
@@ -120,31 +120,32 @@ def build_map(
     """Map a log: the whole way from readings to evidence.
 
     Args:
-        log: what `open_log` gives, or any scans.
+        log: what `open_log` returns, or any scans.
         resolution: side of a cell [m].
-        sensor: the sensor model; by default what the log says of its sensor: an `OverheadSensor`
-            for grid scans, a `ConeSensor` where it says that beams are wide, else a `BeamSensor`.
-        votes: "scan": a cell gets at most one vote a scan, hits before passes (the textbook
-            filter: one update a measurement). "beam": every beam votes, weights add up. Default:
-            "beam" for cones, where each echo is a measurement, else "scan".
+        sensor: the sensor model; by default what the log says about its sensor: an `OverheadSensor`
+            for grid scans, a `ConeSensor` where it says that beams are wide, otherwise a
+            `BeamSensor`.
+        votes: "scan": a cell gets at most one vote per scan, hits before passes (the textbook
+            filter: one update per measurement). "beam": every beam votes, weights add up. Default:
+            "beam" for cones, where each echo is a measurement, otherwise "scan".
         half_life: evidence of this age weighs half [s], for worlds that change; every scan needs
             a stamp. None: it never fades.
         t_ref_ns: the time at which it weighs 1 [ns]; default: that of the last scan, for which
-            the log is gone through twice.
+            the log is read twice.
         path_lengths: True: also keep the length of the beams inside each cell, for
             `EvidenceMap.decay_rate`; needs votes "beam".
         method: how depth images free cells. "rays": exactly, along the ray of every pixel;
             "projective": those whose centre lies before what its pixel sees, which is many times
-            as fast and approximate (docs/method-depth.md). Hits are the same.
-        threads: how many to work with; changes no bit of the result.
+            faster and approximate (docs/method-depth.md). Hits are the same.
+        threads: how many threads to use; does not change the result by a bit.
         progress: called with the number of scans done so far.
 
     Returns:
-        The map, of the plane or of space as the scans are; its `report` says what was used and
+        The map, 2D or 3D as the scans are; its `report` says what was used and
         what was skipped.
 
     Raises:
-        InputError: no usable scan, or scans of the plane and of space together.
+        InputError: no usable scan, or 2D and 3D scans together.
         ConfigError: a parameter outside its range.
         MapTooLargeError: the map, or one scan of it, would not fit in memory.
     """

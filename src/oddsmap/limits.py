@@ -16,7 +16,7 @@ TILE_SIDE = {2: 32, 3: 8}
 
 
 def memory_limit() -> int:
-    """Bytes that one map may take: 80 % of the machine's memory."""
+    """Bytes that one map may use: 80 % of the machine's memory."""
     try:
         return int(0.8 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     except (AttributeError, ValueError, OSError):  # not a POSIX system

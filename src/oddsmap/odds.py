@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Probabilities, log odds, and what is decided by them."""
+"""Probabilities, log odds, and the decisions based on them."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ _done: set[tuple[Callable[..., None], tuple[Hashable, ...]]] = set()
 
 
 def warm_up(toy: Callable[..., None], *variant: Hashable) -> float:
-    """Run a toy job that goes through the kernels of a real one, once a process.
+    """Run a toy job that goes through the kernels of a real one, once per process.
 
     Args:
         toy: runs the job, given the variant.

@@ -41,14 +41,14 @@ class Evidence:
         resolution: side of a cell [m].
 
     Other Args:
-        votes: "scan" or "beam", see `build_map`; default: as the kind of sensor wants.
+        votes: "scan" or "beam", see `build_map`; default: the choice of the kind of sensor.
         half_life: after this time evidence weighs half [s]; None: it never fades.
         t_ref_ns: the time at which evidence weighs 1 [ns]; with a half-life only.
         path_lengths: True: also keep the length of beams inside cells.
         sensor: the sensor model that evidence is made with; its p_hit and p_miss are the
             defaults of the views.
         posterior: defaults of the views.
-        ndim: 2 for maps of the plane, 3 for maps of space.
+        ndim: 2 for 2D maps, 3 for 3D maps.
         tile_side: cells along a tile's side: memory and speed, never a result.
 
     Raises:
@@ -89,7 +89,7 @@ class Evidence:
             )
         self.tiles = TileStore(ndim, tile_side or TILE_SIDE[ndim])
         self.lengths = self.new_tiles() if path_lengths else None
-        """Length of beams inside cells [1/65536 of a cell's side], in the place of passes."""
+        """Length of beams inside cells [1/65536 of a cell's side], stored in place of passes."""
         self.provenance: list[dict[str, Any]] = []
         self.report: Report | None = None
 
@@ -110,7 +110,7 @@ class Evidence:
 
     @property
     def ndim(self) -> int:
-        """2 for a map of the plane, 3 for a map of space."""
+        """2 for a 2D map, 3 for a 3D map."""
         return self.tiles.ndim
 
     @property
@@ -119,11 +119,11 @@ class Evidence:
         return self.tiles.nbytes + (self.lengths.nbytes if self.lengths is not None else 0)
 
     def new_tiles(self) -> TileStore:
-        """An empty store of the same shape, to be filled beside this one and added to it."""
+        """An empty store of the same shape, to be filled alongside this one and added to it."""
         return TileStore(self.ndim, self.tiles.side)
 
     def record(self, path: str | os.PathLike[str] | None, **facts: object) -> None:
-        """Note in `provenance` what evidence came from; facts are plain values for JSON."""
+        """Note in `provenance` where evidence came from; facts are plain values for JSON."""
         source = None if path is None else Path(path).name
         self.provenance.append({"source": source, **facts, "oddsmap": __version__})
 
@@ -264,7 +264,7 @@ class Evidence:
         self.provenance.extend(copy.deepcopy(other.provenance))
 
     def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Self:
-        """A new map with the cells of a box alone; arguments and errors as in `region`."""
+        """A new map with only the cells of a box; arguments and errors as in `region`."""
         first, last = self._box(lo, hi)
         part = self.like()
         _crop_tiles(part.tiles, self.tiles, first, last)
@@ -296,8 +296,12 @@ class Evidence:
             )
         factor = math.exp2(-(t_ref_ns - before) / (1e9 * half_life))
         later = self.like(t_ref_ns=t_ref_ns)
-        lost = _add_scaled(later.tiles, self.tiles, factor)
-        facts = {"rescaled_from_t_ref_ns": before, "t_ref_ns": t_ref_ns, "vote.underflow": lost}
+        underflowed = _add_scaled(later.tiles, self.tiles, factor)
+        facts = {
+            "rescaled_from_t_ref_ns": before,
+            "t_ref_ns": t_ref_ns,
+            "vote.underflow": underflowed,
+        }
         if later.lengths is not None and self.lengths is not None:
             facts["length.underflow"] = _add_scaled(later.lengths, self.lengths, factor)
         later.provenance = copy.deepcopy(self.provenance)
@@ -343,10 +347,10 @@ def _crop_tiles(to: TileStore, tiles: TileStore, first: IntArray, last: IntArray
 
 def _add_scaled(to: TileStore, tiles: TileStore, factor: float) -> int:
     """Add weights times a factor; returns how many above 0 became 0."""
-    lost = 0
+    underflowed = 0
     for coords, units in tiles.chunks():
         scaled = np.rint(units * factor).astype(np.int64)
-        lost += int(np.count_nonzero((units > 0) & (scaled == 0)))
+        underflowed += int(np.count_nonzero((units > 0) & (scaled == 0)))
         kept = scaled.any(axis=(1, 2))
         to.add(coords[kept], scaled[kept])
-    return lost
+    return underflowed

@@ -65,7 +65,7 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
     Args:
         evidence: the map.
         path: folder to make, by custom with the suffix .zarr.
-        force: True where an existing one may be replaced.
+        force: True if an existing one may be replaced.
 
     Raises:
         OutputError: it exists and `force` is False, or cannot be written.
@@ -85,9 +85,11 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
         root = zarr.open_group(part, mode="w", zarr_format=3)
         written: dict[str, list[list[int]]] = {}
         for tiles, channels, texts in stored:
-            most, whole = _largest(tiles)
+            max_units, whole = _largest(tiles)
             unit = ONE if whole else 1
-            dtype = np.dtype(np.min_scalar_type(most // unit).str)  # by name: Zarr knows one uint64
+            dtype = np.dtype(
+                np.min_scalar_type(max_units // unit).str
+            )  # by name: Zarr knows one uint64
             arrays = [
                 root.create_array(
                     name,
@@ -127,11 +129,11 @@ def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray)
 
 
 def _largest(tiles: TileStore) -> tuple[int, bool]:
-    most, fraction = 0, 0
+    max_units, fraction = 0, 0
     for _, units in tiles.chunks():
-        most = max(most, int(units.max(initial=0)))
+        max_units = max(max_units, int(units.max(initial=0)))
         fraction |= int(np.bitwise_or.reduce(units & (ONE - 1), axis=None))
-    return most, fraction == 0
+    return max_units, fraction == 0
 
 
 def _shards_of(tiles: TileStore, shard: int, lo: IntArray, hi: IntArray) -> IntArray:
@@ -246,7 +248,7 @@ def _shard_side(root: zarr.Group) -> int:
 
 
 def shard_files(path: Path, name: str, d: int) -> list[list[int]]:
-    """Place of each file of an array, in shards, z and y before x; to Zarr an empty one is none."""
+    """Place of each file of an array, in shards, z and y before x; an empty file counts as none."""
     folder = path / name / "c"
     files = (file for file in folder.glob("/".join("*" * d)) if file.stat().st_size)
     return sorted([int(part) for part in file.relative_to(folder).parts] for file in files)
@@ -261,7 +263,7 @@ def _stored_shards(
     found: set[tuple[int, ...]] = set()
     for name in names:
         files = {tuple(place) for place in shard_files(path, name, d)}
-        # To Zarr a missing file is a shard of zeros; here it would be evidence lost in silence.
+        # To Zarr a missing file is a shard of zeros; here it would be evidence lost silently.
         missing = [place for place in written[name] if tuple(place) not in files]
         if missing:
             raise ValueError(f"{name}/c/{'/'.join(map(str, missing[0]))} is missing or empty")
@@ -292,11 +294,11 @@ def _add_shard(
             stored.dtype.kind not in "ui"
             or not 0 <= stored.min() <= stored.max() <= MAX_UNITS // unit
         ):
-            raise ValueError(f"{name} holds weights that are no counts of 0 to 2^46 votes")
+            raise ValueError(f"{name} holds weights that are not counts of 0 to 2^46 votes")
         weights.append(stored.astype(np.int64) * unit)
-    if len(weights) == 1:  # lengths lie in the place of passes
+    if len(weights) == 1:  # lengths are stored in place of passes
         weights.insert(0, np.zeros_like(weights[0]))
-    # Seen as tiles: (ty, side, tx, side) becomes (ty, tx, side, side), one row a tile.
+    # Seen as tiles: (ty, side, tx, side) becomes (ty, tx, side, side), one row per tile.
     count = int(end[0] - begin[0]) // side
     blocks = np.stack(weights).reshape(2, *(count, side) * d)
     order = [1 + 2 * axis for axis in range(d)] + [0] + [2 + 2 * axis for axis in range(d)]

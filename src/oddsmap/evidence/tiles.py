@@ -25,8 +25,8 @@ __all__ = ["TileStore"]
 
 
 # Slots of an empty hash table, a power of two.
-_LEAST_SLOTS = 16
-# Rows are taken by the many: they cost address space alone until they are used, but to move them
+_MIN_SLOTS = 16
+# Rows are taken many at a time: they cost only address space until they are used, but moving them
 # costs twice the memory and, at 0.05 m, 5 to 20 % of the time.
 _GROWTH = 8
 # Tiles handled at a time where they are widened to 64 bits: bounds the memory that takes.
@@ -52,7 +52,7 @@ class TileStore:
         cells = self.side**self.ndim
         # np.zeros takes address space; memory only where a tile is used.
         return TileArrays(
-            table=np.full(_LEAST_SLOTS, -1, np.int64),
+            table=np.full(_MIN_SLOTS, -1, np.int64),
             coords=np.zeros((tiles, self.ndim), np.int64),
             load=np.zeros(tiles, np.uint8),
             wide_of=np.zeros(tiles, np.int32),
@@ -62,7 +62,7 @@ class TileStore:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """What pickle and copy take: the rows in use, without the room to grow and the table."""
+        """What pickle and copy take: the rows in use, without spare rows and without the table."""
         used, used_wide = self.count, int(self.arrays.counts[WIDE_COUNT])
         rows = self.arrays
         return {
@@ -82,7 +82,7 @@ class TileStore:
         self.arrays = self._empty(len(state["coords"]), len(state["wide"]))
         for name in ("counts", "coords", "load", "wide_of", "narrow", "wide"):
             getattr(self.arrays, name)[:] = state[name]
-        slots = _LEAST_SLOTS
+        slots = _MIN_SLOTS
         while slots < 2 * self.count:
             slots *= 2
         self.arrays = self.arrays._replace(table=np.full(slots, -1, np.int64))
@@ -129,8 +129,8 @@ class TileStore:
 
     def _reserve_rows(self, tiles: int, wide: int) -> None:
         used, used_wide = self.count, int(self.arrays.counts[WIDE_COUNT])
-        room, room_wide = self.arrays.coords.shape[0], self.arrays.wide.shape[0]
-        if used + tiles <= room and used_wide + wide <= room_wide:
+        capacity, wide_capacity = self.arrays.coords.shape[0], self.arrays.wide.shape[0]
+        if used + tiles <= capacity and used_wide + wide <= wide_capacity:
             return
         limit = memory_limit()
         if 2 * self.nbytes > limit:  # old and new lie side by side while the tiles are moved
@@ -139,17 +139,18 @@ class TileStore:
                 f"this machine's memory of {limit / 1e9:.1f} GB does not allow it; use a coarser "
                 "resolution, or map a part of the log"
             )
-        if used + tiles > room:
-            room = max(used + tiles, min(_GROWTH * room, limit // self._bytes(1, 0)))
-        if used_wide + wide > room_wide:
-            most = limit // self._bytes(0, 1)
-            room_wide = max(used_wide + wide, min(_GROWTH * room_wide, most))
+        if used + tiles > capacity:
+            capacity = max(used + tiles, min(_GROWTH * capacity, limit // self._bytes(1, 0)))
+        if used_wide + wide > wide_capacity:
+            max_wide = limit // self._bytes(0, 1)
+            wide_capacity = max(used_wide + wide, min(_GROWTH * wide_capacity, max_wide))
         try:
-            old, new = self.arrays, self._empty(room, room_wide)
+            old, new = self.arrays, self._empty(capacity, wide_capacity)
         except MemoryError:
             raise MapTooLargeError(
-                f"no memory for {tiles} more tiles beside the {used} in use "
-                f"({self._bytes(room, room_wide) / 1e9:.1f} GB): use a coarser resolution or crop"
+                f"no memory for {tiles} more tiles besides the {used} in use "
+                f"({self._bytes(capacity, wide_capacity) / 1e9:.1f} GB): use a coarser resolution "
+                "or crop"
             ) from None
         new.counts[:] = old.counts
         for name in ("coords", "load", "wide_of", "narrow"):
@@ -165,13 +166,13 @@ class TileStore:
         return units
 
     def chunks(self) -> Iterator[tuple[IntArray, IntArray]]:
-        """All tiles, some thousand at a time: coordinates (n, ndim) and units (n, 2, cells)."""
+        """All tiles, a few thousand at a time: coordinates (n, ndim) and units (n, 2, cells)."""
         for start in range(0, self.count, _CHUNK_TILES):
             part = slice(start, min(start + _CHUNK_TILES, self.count))
             yield self.arrays.coords[part], self.units(part)
 
     def cells(self) -> Iterator[tuple[IntArray, IntArray]]:
-        """All cells with a weight, some thousand tiles at a time, in the order of the tiles.
+        """All cells with a weight, a few thousand tiles at a time, in the order of the tiles.
 
         Yields:
             index, shape (n, ndim), x first; units of hits and passes, shape (n, 2).
@@ -214,7 +215,7 @@ class TileStore:
         self.add(coords, whole)
 
     def add(self, coords: IntArray, units: IntArray) -> None:
-        """Add weights to tiles, making those that are new.
+        """Add weights to tiles; new tiles are made.
 
         Args:
             coords: tile coordinates, shape (n, ndim), each at most once.
@@ -229,20 +230,20 @@ class TileStore:
 
     def merge(self, other: TileStore) -> None:
         """Add all tiles of another store with the same side; errors as in `add`."""
-        self._check_sum(other._most())
+        self._check_sum(other._max_weight())
         # A list of parts first: a store added to itself must not change while it is read.
         parts = other.chunks() if other is not self else list(other.chunks())
         for coords, units in parts:
             self.add(coords, units)
 
     def _check_sum(self, more: int) -> None:
-        if more + self._most() > MAX_UNITS:
+        if more + self._max_weight() > MAX_UNITS:
             raise MapTooLargeError(
                 "a cell's weight would pass 2^46 votes (2^62 units): "
                 "the same evidence has been added many times over"
             )
 
-    def _most(self) -> int:
+    def _max_weight(self) -> int:
         # An upper bound is enough here, and cheap: the narrow level holds at most 255 votes.
         wide = self.arrays.wide[: int(self.arrays.counts[WIDE_COUNT])]
         return (int(wide.max()) if wide.size else 0) + (255 << FRACTION_BITS)
