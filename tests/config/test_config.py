@@ -328,7 +328,7 @@ def test_whole_numbers_reach_kernels_as_floats() -> None:
 
 
 def test_filters_are_for_space() -> None:
-    with pytest.raises(ConfigError, match="of the plane"):
+    with pytest.raises(ConfigError, match="for 3D scans: these are 2D"):
         build_map(FLAT, 0.1, sensor=BeamSensor(mark_z_min=0.0))
 
 

@@ -155,7 +155,7 @@ def test_bit_for_bit(data: st.DataObject, sensor: BeamSensor, d: int, shared: bo
 
 def test_the_plane_and_space_do_not_mix() -> None:
     space = Scan(Pose3.from_matrix(np.eye(4)), np.array([[1.0, 0.0, 0.0]]), np.ones(1))
-    with pytest.raises(InputError, match="plane and of space"):
+    with pytest.raises(InputError, match="2D and 3D scans"):
         BeamSensor().segments([space, fan_scan(0.0, 0.0, 0.0, [1.0])])
 
 

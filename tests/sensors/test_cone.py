@@ -269,7 +269,7 @@ def test_what_does_not_fit_is_refused() -> None:
     sensor = ConeSensor(cone_deg=20.0)
     flat = one_beam(Pose2(0.0, 0.0, 0.0), [1.0, 0.0], 1.0)
     space = one_beam(Pose3(np.eye(3), np.zeros(3)), [1.0, 0.0, 0.0], 1.0)
-    with pytest.raises(InputError, match="of the plane and of space"):
+    with pytest.raises(InputError, match="2D and 3D scans"):
         sensor.votes([flat, space], 0.1)
     with pytest.raises(MapTooLargeError, match=r"cone of 1e\+12 m is over .* range_max"):
         sensor.votes([one_beam(Pose2(0.0, 0.0, 0.0), [1.0, 0.0], 1e12)], 0.1)

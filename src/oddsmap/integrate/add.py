@@ -40,7 +40,7 @@ def add_log(
     """Add a whole log to a map and note it in the map's provenance.
 
     Arguments and errors as in `build_map`; `sensor` is by default the map's, and `scans` are the
-    log's, where they have been begun to read already.
+    log's scans, if reading them has already begun.
     """
     source = log if scans is None else scans
     report = add_scans(
@@ -67,7 +67,7 @@ def add_log(
 
 
 def _forgets(evidence: Evidence) -> dict[str, float | int | None]:
-    """Of a map whose evidence fades: how fast, and from when."""
+    """How fast the evidence of a map fades, and from when."""
     own = evidence.config.map
     if own.half_life is None:
         return {}
@@ -96,14 +96,16 @@ def add_scans(
     for scan_count, beam_count, skipped in workers.run(scans):
         report.add(scan_count, beam_count, skipped)
         if progress is not None:
-            lost = sum(n for reason, n in report.skipped.items() if reason.startswith("scan."))
-            progress(report.scans + lost)
+            skipped_scans = sum(
+                n for reason, n in report.skipped.items() if reason.startswith("scan.")
+            )
+            progress(report.scans + skipped_scans)
     report.integrate_s, report.read_s = workers.integrate_s, workers.read_s
     return report
 
 
 def ndim_of(scan: Measurement | None) -> int:
-    """2 or 3: of the map that a measurement goes into; 2 where there is none."""
+    """2 or 3, the dimension of the map that a measurement goes into; 2 without one."""
     if scan is None or isinstance(scan, GridScan):
         return 2
     return 3 if isinstance(scan, DepthScan) else scan.directions.shape[1]

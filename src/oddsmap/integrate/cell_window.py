@@ -17,7 +17,7 @@ __all__ = ["CellWindow"]
 
 
 class CellWindow:
-    """A window of blocks, one a tile, with memory where a block is touched.
+    """A window of blocks, one per tile, with memory where a block is touched.
 
     Args:
         tiles: where the weights go.
@@ -71,7 +71,7 @@ class CellWindow:
         return tiles_lo * self.tiles.side, strides
 
     def grow(self) -> None:
-        """Have room for twice as many blocks."""
+        """Make room for twice as many blocks."""
         used = np.zeros(2 * len(self.used), np.int64)
         used[: len(self.used)] = self.used
         weights = np.zeros((2, 2 * self.weights.shape[1]), np.int64)

@@ -40,7 +40,7 @@ _WIDER = 1.0 + 2.0**-20
 
 
 class ProjectiveIntegrator(Integrator3D):
-    """Adds depth images to tiles, with memory of its own to mark in: one a thread.
+    """Adds depth images to tiles, with memory of its own to mark in: one per thread.
 
     Args:
         evidence: the map whose resolution applies.
@@ -62,8 +62,8 @@ class ProjectiveIntegrator(Integrator3D):
             if value != 0.0:
                 field, value = ("hit_width", 2 * value) if name == "half_width" else (name, value)
                 raise ConfigError(
-                    f'method "projective" gives one whole hit a beam: it needs sensor.{field} = 0, '
-                    f"got {value:g}"
+                    f'method "projective" gives one whole hit per beam: it needs sensor.{field} = '
+                    f"0, got {value:g}"
                 )
         if evidence.config.map.half_life is not None:
             raise ConfigError('method "projective" gives whole votes: it takes no map.half_life')
@@ -100,7 +100,7 @@ class ProjectiveIntegrator(Integrator3D):
         skipped = np.zeros(5, np.int64)
         used = read_depth(
             depth, image.range_per_depth, self._sensor.limits,
-            image.clear, image.seen, image.least, image.most, skipped,
+            image.clear, image.seen, image.min_clear, image.max_clear, skipped,
         )  # fmt: skip
         reasons = Counter({"scan.empty": int(used == 0)})
         if used and np.abs(pose.translation).max() >= MAX_COORDINATE * resolution:
@@ -121,13 +121,13 @@ class ProjectiveIntegrator(Integrator3D):
         lo, hi = np.zeros(3), np.zeros(3)
         size = (camera.width, camera.height)
         block = resolution * side
-        touched = depth_box(image.most, image.intrinsics, size, rotation, block, lo, hi)
+        touched = depth_box(image.max_clear, image.intrinsics, size, rotation, block, lo, hi)
         lo, hi = (origin + _WIDER * lo) / resolution, (origin + _WIDER * hi) / resolution
         # A margin of one cell, for rounding.
         start, past = np.floor((np.floor(lo) - 1) / side), np.floor((np.floor(hi) + 1) / side) + 1
         check_size(
             np.zeros(1, np.int64), np.array([touched * side]), (past - start)[None] * side,
-            resolution, side, self._most_cells,
+            resolution, side, self._max_cells,
         )  # fmt: skip
         tiles_lo, shape = start.astype(np.int64), (past - start).astype(np.int64)
         self._open_window(shape)
@@ -137,7 +137,7 @@ class ProjectiveIntegrator(Integrator3D):
         slack = _SLACK * np.abs(places).max(axis=2).sum(axis=1)
         half = 0.5 * math.sqrt(3.0) * resolution
         while not mark_free(
-            places, slack, half, image.clear, image.least, image.most, self._bits, shape,
+            places, slack, half, image.clear, image.min_clear, image.max_clear, self._bits, shape,
             self._table, self._used, self._marks,
         ):  # fmt: skip
             self._grow(0)
@@ -160,7 +160,7 @@ class ProjectiveIntegrator(Integrator3D):
 
 
 class _Lookup:
-    """What is the same for all images of a camera, and room for what is known of one of them."""
+    """What is the same for all images of a camera, and memory for one image."""
 
     def __init__(self, camera: PinholeCamera) -> None:
         self.camera = camera
@@ -173,8 +173,8 @@ class _Lookup:
         self.seen = np.zeros(size, np.uint8)
         texels = tuple(-(-n // (1 << TEXEL_BITS)) for n in size)
         levels = max(texels).bit_length() + 1
-        self.least = np.zeros((levels, *texels), np.float32)
-        self.most = np.zeros((levels, *texels), np.float32)
+        self.min_clear = np.zeros((levels, *texels), np.float32)
+        self.max_clear = np.zeros((levels, *texels), np.float32)
 
 
 def _places(

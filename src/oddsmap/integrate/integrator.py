@@ -29,7 +29,7 @@ METHODS = ("rays", "projective")
 
 
 class Integrator(Protocol):
-    """Adds scans to tiles, with memory of its own to work in: one a thread."""
+    """Adds scans to tiles, with memory of its own to work in: one per thread."""
 
     tiles: TileStore
     """Where the votes go: the map's, or its own, which are added to the map's at the end."""

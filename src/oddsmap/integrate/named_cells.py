@@ -25,7 +25,7 @@ __all__ = ["CellIntegrator"]
 
 
 class CellIntegrator:
-    """Adds scans to tiles, with memory of its own to gather in: one a thread.
+    """Adds scans to tiles, with memory of its own to gather in: one per thread.
 
     Args:
         evidence: the map whose resolution and kind of votes apply.

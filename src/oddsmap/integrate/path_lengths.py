@@ -24,7 +24,7 @@ def check_lengths(sensor: Sensor) -> None:
     """Refuse a sensor whose beams have no length inside cells.
 
     Raises:
-        ConfigError: a sensor of no narrow beams, or one whose hits are wide.
+        ConfigError: a sensor without narrow beams, or one whose hits are wide.
     """
     if sensor.evidence_from != "rays":
         raise ConfigError(
@@ -40,10 +40,10 @@ def check_lengths(sensor: Sensor) -> None:
 
 
 class LengthIntegrator:
-    """Adds the lengths of beams to their tiles: one a thread.
+    """Adds the lengths of beams to their tiles: one per thread.
 
     Args:
-        tiles: where the lengths go, in the place of passes.
+        tiles: where the lengths go, in place of passes.
         lock: guards the tiles.
         resolution: side of a cell [m], for messages.
         lost: see `CellWindow`.
@@ -85,9 +85,9 @@ class LengthIntegrator:
 
     def _make_room(self, origin: npt.NDArray[np.float64], ends: npt.NDArray[np.float64]) -> None:
         borders = np.abs(np.floor(ends) - np.floor(origin)).sum(axis=1).max(initial=0.0)
-        room = int(borders) + 2
-        if len(self._left) < room:
-            self._cells = np.zeros((room, len(origin)), np.int64)
-            self._left = np.zeros(room)
-            self._units = np.zeros(room, np.int64)
-            self._nothing = np.zeros(room, np.int64)
+        size = int(borders) + 2
+        if len(self._left) < size:
+            self._cells = np.zeros((size, len(origin)), np.int64)
+            self._left = np.zeros(size)
+            self._units = np.zeros(size, np.int64)
+            self._nothing = np.zeros(size, np.int64)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Segments of the plane into tiles: the step between the sensor model and the kernels.
+"""2D segments into tiles: the step between the sensor model and the kernels.
 
 Metres become cells, each scan gets a window of whole tiles, memory is made before a kernel needs
 it; what the kernels cannot check is checked here.
@@ -31,7 +31,7 @@ from oddsmap.sensors.segments import Segments
 __all__ = ["Integrator2D"]
 
 # A window of marks is at most this many cells, one byte each, so that it can be held; votes that
-# add up take 16 bytes a cell. Larger scans are gone through in blocks.
+# add up take 16 bytes per cell. Larger scans are traced in blocks.
 _MARK_WINDOW = 1 << 26
 _COUNT_WINDOW = 1 << 22
 # Beyond this many cells the blocks of one scan take seconds: a resolution chosen by mistake.
@@ -39,7 +39,7 @@ _MAX_SCAN_CELLS = 1 << 34
 
 
 class Integrator2D:
-    """Adds scans to tiles, with memory of its own to work in: one a thread.
+    """Adds scans to tiles, with memory of its own to work in: one per thread.
 
     Args:
         evidence: the map whose resolution and kind of votes apply.
@@ -97,7 +97,7 @@ class Integrator2D:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
         segments, skipped = self._sensor.segments(scans)
         if len(segments.origins) and segments.origins.shape[1] != 2:
-            raise InputError("scans of space cannot go into a map of the plane")
+            raise InputError("3D scans cannot go into a 2D map")
         arrays, too_far = self._in_cells(segments)
         if too_far:
             skipped["scan.pose_too_far"] += too_far

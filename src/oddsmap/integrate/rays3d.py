@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scans of space into tiles: the step between the sensor model and the kernels."""
+"""3D scans into tiles: the step between the sensor model and the kernels."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ __all__ = ["Integrator3D"]
 # the kernels run twice as many lanes, or 53, which doubles hold, in a window of more cells.
 _SHORT_CODES = (1 << 31) - 1
 _LONG_CODES = (1 << 53) - 1
-# A window's table has 4 bytes a block. Only what rays touch takes memory, but that may be all.
+# A window's table has 4 bytes per block. Only what rays touch takes memory, but that may be all.
 _MAX_TABLE_BLOCKS = min((1 << 31) - 1, memory_limit() // 8)
 # Blocks that there is room for at first; it grows when a scan touches more.
 _FIRST_BLOCKS = 1 << 10
 
 
 class Integrator3D:
-    """Adds scans to tiles, with memory of its own to mark in: one a thread.
+    """Adds scans to tiles, with memory of its own to mark in: one per thread.
 
     Marking is most of the work and touches nothing shared. Tiles are added to under a lock, so
     that threads share one store and a second thread costs no second map.
@@ -73,8 +73,8 @@ class Integrator3D:
         self._marks_only = not self._every_beam and sensor.whole_votes and not forgets
         self._bits = tiles.side.bit_length() - 1
         if tiles.side != 1 << self._bits:
-            raise InputError(f"tiles of space need a side that is a power of 2, got {tiles.side}")
-        self._most_cells = min(_MAX_TABLE_BLOCKS << (3 * self._bits), _LONG_CODES)
+            raise InputError(f"3D tiles need a side that is a power of 2, got {tiles.side}")
+        self._max_cells = min(_MAX_TABLE_BLOCKS << (3 * self._bits), _LONG_CODES)
         self._used = np.zeros(1, np.int64)
         self._marks = np.zeros(0, np.uint8)
         self._weights = np.zeros((2, 0), np.int64)
@@ -104,8 +104,8 @@ class Integrator3D:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
         segments, skipped = self._sensor.segments(scans)
         if len(segments.origins) and segments.origins.shape[1] != 3:
-            raise InputError("scans of the plane cannot go into a map of space")
-        cells, too_far = to_cells(segments, self._resolution, self.tiles.side, self._most_cells)
+            raise InputError("2D scans cannot go into a 3D map")
+        cells, too_far = to_cells(segments, self._resolution, self.tiles.side, self._max_cells)
         if too_far:
             skipped["scan.pose_too_far"] += too_far
         for scan in range(len(cells.tiles_lo)):
@@ -125,7 +125,7 @@ class Integrator3D:
         self._apply(tiles_lo, shape)
 
     def _open_window(self, shape: npt.NDArray[np.int64]) -> None:
-        """Have a table for a window of so many blocks."""
+        """Make a table for a window of so many blocks."""
         if len(self._table) < shape.prod():
             self._table = _new_table(int(shape.prod()))
 
@@ -204,18 +204,18 @@ class Integrator3D:
         return self._code_buffer(shape, (3, (int(shape.max()) << self._bits) + 10 + more))
 
     def _code_buffer(
-        self, shape: npt.NDArray[np.int64], room: tuple[int, int]
+        self, shape: npt.NDArray[np.int64], size: tuple[int, int]
     ) -> npt.NDArray[np.signedinteger]:
         """Room for codes of the cells of a window."""
         short = int(shape.prod()) << (3 * self._bits) <= _SHORT_CODES
-        return np.empty(room, np.int32) if short else np.empty(room, np.int64)
+        return np.empty(size, np.int32) if short else np.empty(size, np.int64)
 
     def _grow(self, more: int) -> None:
         before = len(self._used)
-        room = 2 * before + more
-        used = np.zeros(room, np.int64)
+        blocks = 2 * before + more
+        used = np.zeros(blocks, np.int64)
         used[:before] = self._used
-        cells = room << (3 * self._bits)
+        cells = blocks << (3 * self._bits)
         # np.zeros takes address space; memory only where a block is touched.
         if self._marks_only:
             marks = np.zeros(cells, np.uint8)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Batches of scans shared among threads, without a bit of the result depending on it.
+"""Batches of scans shared among threads, without changing a bit of the result.
 
-Kernels let go of Python's lock, so ordinary threads run side by side. In the plane, where scans are
-small and many, each thread has tiles of its own, and they are added up at the end. In space, where
+Kernels release Python's lock, so ordinary threads run side by side. In 2D, where scans are
+small and many, each thread has tiles of its own, and they are added up at the end. In 3D, where
 a scan is long, threads mark on their own and add to one store by turns. Integer addition commutes.
 """
 
@@ -28,7 +28,7 @@ _BATCH_BEAMS = 1 << 14
 
 
 class WorkerPool:
-    """One integrator a thread, for one map.
+    """One integrator per thread, for one map.
 
     Args:
         evidence: the map to add to.

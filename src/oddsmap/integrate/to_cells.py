@@ -47,7 +47,7 @@ def to_cells(
         segments: what the sensor model made of a batch of scans.
         resolution: side of a cell [m].
         side: cells along a tile's side.
-        max_window: the most cells that one scan may span.
+        max_window: how many cells one scan may span.
 
     Returns:
         The scans, and how many were left out because their pose is too far away.
@@ -62,8 +62,8 @@ def to_cells(
     for points in (segments.tips, segments.fades):
         if points is not segments.ends:
             cell_bounds(points, offsets, resolution, lo, hi, np.zeros_like(way))
-    # A margin of one cell: rounding may carry a ray along a border to the cell beside it. (Exact in
-    # floats: a tile's index has a bit less for every bit that a place within a tile has.)
+    # A margin of one cell: rounding may carry a ray along a border to the cell next to it. (Exact
+    # in floats: a tile's index has a bit less for every bit that a place within a tile has.)
     bundles = segments.bundles
     beams = np.diff(offsets)
     if len(bundles) <= len(origins):  # a scan of several bundles has one window for all
@@ -106,14 +106,14 @@ def check_size(
         extent: of each one's window [cells], shape (scans, d).
         resolution: side of a cell [m].
         side: cells along a tile's side.
-        max_window: the most cells that one scan may span.
+        max_window: how many cells one scan may span.
 
     Raises:
         MapTooLargeError: a scan spans too many cells, or memory could not hold it.
     """
     d = extent.shape[1]
     window = extent.prod(axis=1)
-    # Tiles of two bytes a cell: no more than a beam's way passes, nor than the window holds.
+    # Tiles of two bytes per cell: no more than a beam's way passes, nor than the window holds.
     bytes_needed = 2.0 * np.minimum((way / side + d * beams) * float(side) ** d, window)
     limit = memory_limit()
     too_large = (bytes_needed > limit) | (window > max_window) | (extent.max(axis=1) >= _MAX_LENGTH)

@@ -46,7 +46,7 @@ class Sensor(Protocol):
 
 
 class RaySensor(Sensor, Protocol):
-    """A sensor of narrow beams: what it says lies on rays."""
+    """A sensor of narrow beams: its evidence lies on rays."""
 
     @property
     def hit_shape(self) -> HitShape:
@@ -62,7 +62,7 @@ class RaySensor(Sensor, Protocol):
 
     @property
     def heights(self) -> tuple[float, float]:
-        """Least and most height in the map frame at which a return marks [m]."""
+        """Lowest and highest height in the map frame at which a return marks [m]."""
 
     @property
     def body(self) -> FloatArray:

@@ -37,7 +37,7 @@ NO_RANGE_MAX = (
     "sensor.range_max is needed by the forward model, got none: set it (--range-max) to the range "
     "at and beyond which the sensor reports nothing"
 )
-# Range noise of a common lidar [m], for the forward model of a sensor that says nothing of it.
+# Range noise of a common lidar [m], for the forward model of a sensor that does not state it.
 _LIDAR_SIGMA = 0.02
 
 
@@ -56,7 +56,7 @@ class BeamSensor:
         sigma: standard deviation of the range [m]; 0: none. Above 0 the cells within `spread`
             times sigma of the return share one hit, each in proportion to the mass that the
             normal distribution around the return, cut off there and at the sensor, has in it. It
-            takes the place of hit_width, and share_hit has no say.
+            takes the place of hit_width, and share_hit has no effect.
         spread: how many standard deviations count.
         fade: the way before the occupied region, or before the return, over which passes fade
             [m]: their weight falls in a straight line from 1 to 0, and a cell gets the mean along
@@ -64,13 +64,13 @@ class BeamSensor:
         p_hit: p(x | z) at prior 1/2 around the return.
         p_miss: p(x | z) at prior 1/2 before it.
         mark_z_min: a return below this height in the map frame clears but does not mark [m];
-            scans of space only.
+            3D scans only.
         mark_z_max: likewise above this height [m].
-        body_min: least corner of the robot's body in the sensor frame [m], three numbers; a
-            return inside the body's box does not mark. Scans of space only.
-        body_max: its most corner [m].
-        detection: probability that an occupied cell returns the beam. This and what follows is of
-            the forward model: it changes `forward_model`, never the filter.
+        body_min: lowest corner of the robot's body in the sensor frame [m], three numbers; a
+            return inside the body's box does not mark. 3D scans only.
+        body_max: its highest corner [m].
+        detection: probability that an occupied cell returns the beam. This and what follows belongs
+            to the forward model: it changes `forward_model`, never the filter.
         p_random: rate of random readings.
         p_dropout: rate of returns lost.
 
@@ -193,7 +193,7 @@ class BeamSensor:
 
     @property
     def heights(self) -> tuple[float, float]:
-        """Least and most height in the map frame at which a return marks [m]."""
+        """Lowest and highest height in the map frame at which a return marks [m]."""
         return (
             -math.inf if self.mark_z_min is None else float(self.mark_z_min),
             math.inf if self.mark_z_max is None else float(self.mark_z_max),
@@ -272,8 +272,8 @@ class BeamSensor:
             were skipped, by reason.
 
         Raises:
-            InputError: scans of the plane and of space are mixed.
-            ConfigError: a filter for scans of space meets scans of the plane.
+            InputError: 2D and 3D scans are mixed.
+            ConfigError: a filter for 3D scans is set, and the scans are 2D.
         """
         return cut_scans(
             scans, limits=self.limits, shape=self.hit_shape, heights=self.heights, body=self.body

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the readings of a sensor say of single cells: what is passed from a sensor to the map."""
+"""What the readings of a sensor say about single cells: what is passed from a sensor to the map."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class CellVotes:
     """The votes of usable scans, each of them whole.
 
     A sensor gives some of these for a batch, one after another, so that memory stays bounded where
-    a reading speaks of many cells. The arrays may be used again for the next.
+    a reading is about many cells. The arrays may be used again for the next.
 
     Args:
         offsets: first entry of each scan, and the end, shape (scans + 1,).

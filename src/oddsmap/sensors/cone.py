@@ -3,7 +3,7 @@
 
 A wide beam says how far the nearest thing in its cone is, not in which direction. So the inverse
 model has three regions by range, for all cells in the cone: free before the return, occupied on
-the arc around it, nothing said behind it.
+the arc around it, nothing is said behind it.
 
 Sources: Moravec, Elfes: High resolution maps from wide angle sonar (ICRA 1985); Elfes: Using
 occupancy grids for mobile robot perception and navigation (1989); Thrun, Burgard, Fox:
@@ -38,15 +38,16 @@ if TYPE_CHECKING:
 __all__ = ["ConeSensor"]
 
 
-# Entries listed at a time: 6 MB. A scan is listed whole, and may have up to _MOST of them (3 GB).
+# Entries listed at a time: 6 MB. A scan is listed whole, and may have up to _MAX_ENTRIES of them (3
+# GB).
 _ENTRIES = 1 << 17
-_MOST = 1 << 26
+_MAX_ENTRIES = 1 << 26
 _MAX_REACH = float(1 << 22)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConeSensor:
-    """A sensor of wide beams: a sector in the plane, a circular cone in space.
+    """A sensor of wide beams: a sector in 2D, a circular cone in 3D.
 
     A cell belongs to a cone where its centre lies within half the opening angle of the axis, and
     with r the centre's range, z the reading and w the larger of `hit_width` and a cell's side:
@@ -62,7 +63,7 @@ class ConeSensor:
         clear_range: how far a no-return clears [m]. None: a reading of +Inf clears up to
             range_max, and a finite no-return, which may as well be a fault, clears nothing.
         hit_width: radial depth of the occupied arc [m]; 0: one cell.
-        share_hit: True: the cells of the arc share one hit by their weight; False: each has a
+        share_hit: True: the cells of the arc share one hit by their weight; False: each gets a
             whole one, which is the textbook's model.
         angular_falloff: f in the weight 1 - f (angle / half the opening angle)^2 of a cell's
             vote, 0 to 1; what the axis alone brings in is at angle 0.
@@ -73,12 +74,12 @@ class ConeSensor:
         p_hit: p(x | z) at prior 1/2 on the arc.
         p_miss: p(x | z) at prior 1/2 before it.
         mark_z_min: a return below this height in the map frame clears but does not mark [m], by
-            the end point of the axis; scans of space only.
+            the end point of the axis; 3D scans only.
         mark_z_max: likewise above this height [m].
-        body_min: least corner of the robot's body in the sensor frame [m], three numbers; a
-            return inside the body's box does not mark. Scans of space only.
-        body_max: its most corner [m].
-        detection: probability that an occupied cell echoes. This and what follows is of the
+        body_min: lowest corner of the robot's body in the sensor frame [m], three numbers; a
+            return inside the body's box does not mark. 3D scans only.
+        body_max: its highest corner [m].
+        detection: probability that an occupied cell echoes. This and what follows belongs to the
             forward model: it changes `forward_model`, never the filter.
         p_random: rate of random readings.
         p_dropout: rate of echoes lost.
@@ -189,8 +190,8 @@ class ConeSensor:
             reason.
 
         Raises:
-            InputError: scans of the plane and of space are mixed.
-            ConfigError: a filter for scans of space meets scans of the plane.
+            InputError: 2D and 3D scans are mixed.
+            ConfigError: a filter for 3D scans is set, and the scans are 2D.
             MapTooLargeError: a cone is millions of cells long.
         """
         cones, skipped = self._cones(scans, resolution)
@@ -226,11 +227,12 @@ class ConeSensor:
                     beams,
                 )
                 first += done
-            elif len(room.hits) < _MOST:
+            elif len(room.hits) < _MAX_ENTRIES:
                 room = _room(2 * len(room.hits), cones.origins.shape[1])
             else:
                 raise MapTooLargeError(
-                    f"the cones of one scan hold over {_MOST:.1e} cells of {resolution:g} m: use a "
+                    f"the cones of one scan hold over {_MAX_ENTRIES:.1e} cells of "
+                    f"{resolution:g} m: use a "
                     "coarser resolution, or range_max or clear_range where beams are too long"
                 )
 
@@ -240,7 +242,7 @@ class ConeSensor:
         beam = self._axis_beam()
         finite = [scan for scan in ranges_of(scans) if scan.map_from_sensor.is_finite]
         if len({scan.directions.shape[1] for scan in finite}) > 1:
-            raise InputError("scans of the plane and of space cannot go into one map")
+            raise InputError("2D and 3D scans cannot go into one map")
         d = finite[0].directions.shape[1] if finite else 2
         if any(scan.beam_origins is not None for scan in finite):
             raise InputError(

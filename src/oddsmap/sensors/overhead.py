@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sensors that observe cells themselves, like a camera that looks down.
 
-A reading speaks of one cell and of nothing else, so given the map the readings are independent of
+A reading is about one cell and nothing else, so given the map the readings are independent of
 each other: the Markov assumption of the Bayes filter holds, and its product of cells *is* the joint
 posterior p(m | z_1:t). With rates of true and of false detections t and f, Bayes' rule at prior 1/2
 gives
 
     p(x | seen occupied) = t / (t + f),    p(x | seen free) = (1 - t) / (2 - t - f).
 
-It holds while each reading is one cell's: pixels much larger than a cell speak of many cells at
+It holds while each reading is one cell's: pixels much larger than a cell cover many cells at
 once, and their errors are shared.
 
 Source: Thrun, Burgard, Fox: Probabilistic Robotics (2005), sections 4.2 and 9.2.
@@ -46,7 +46,7 @@ class OverheadSensor:
     """A sensor that sees whether cells are occupied, and errs at known rates.
 
     A cell is observed where its centre lies in a pixel of the grid, and gets what that pixel says,
-    once a scan; a centre within 1e-6 pixels of a border belongs to the upper one. "Seen occupied"
+    once per scan; a centre within 1e-6 pixels of a border belongs to the upper one. "Seen occupied"
     is one hit, "seen free" one pass. A probability p is the part of a vote whose log Bayes factor
     is logit(p), rounded to 1/65536: logit(p) / logit(p_hit) of a hit for p above 1/2,
     logit(p) / logit(p_miss) of a pass below it, and at most one: a detector is not taken to be
@@ -169,13 +169,14 @@ class OverheadSensor:
         # A margin of one cell: a centre within rounding of the outline may count as inside.
         lo = np.floor(corners.min(axis=0) / resolution) - 1
         hi = np.floor(corners.max(axis=0) / resolution) + 2
-        room = float((hi - lo).prod())
-        if room > _MAX_SCAN_CELLS:
+        cell_count = float((hi - lo).prod())
+        if cell_count > _MAX_SCAN_CELLS:
             raise MapTooLargeError(
-                f"one scan of {width} x {height} pixels of {scan.resolution:g} m spans {room:.1e} "
-                f"cells of {resolution:g} m (limit {_MAX_SCAN_CELLS:.1e}): use a coarser resolution"
+                f"one scan of {width} x {height} pixels of {scan.resolution:g} m spans "
+                f"{cell_count:.1e} cells of {resolution:g} m "
+                f"(limit {_MAX_SCAN_CELLS:.1e}): use a coarser resolution"
             )
-        index, values = np.empty((int(room), 2), np.int64), np.empty(int(room))
+        index, values = np.empty((int(cell_count), 2), np.int64), np.empty(int(cell_count))
         count = list_seen_cells(
             scan.seen, lo.astype(np.int64), hi.astype(np.int64), resolution,
             pose.x, pose.y, pose.theta, scan.corner, scan.resolution, index, values,

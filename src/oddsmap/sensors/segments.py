@@ -64,8 +64,8 @@ def cut_scans(
         scans: measurements of ranges.
         limits: which readings count.
         shape: how a beam votes around its return.
-        heights: least and most height in the map frame at which a return marks [m].
-        body: corners of a box in the sensor frame in which none does [m], shape (2, 3).
+        heights: lowest and highest height in the map frame at which a return marks [m].
+        body: corners of a box in the sensor frame in which no return marks [m], shape (2, 3).
     """
     from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT, cut_beams
     from oddsmap.kernels.trace.readings import BELOW, NAN, NO_RETURN
@@ -73,7 +73,7 @@ def cut_scans(
     beams = ranges_of(scans)
     finite = [scan for scan in beams if scan.map_from_sensor.is_finite]
     if len({scan.directions.shape[1] for scan in finite}) > 1:
-        raise InputError("scans of the plane and of space cannot go into one map")
+        raise InputError("2D and 3D scans cannot go into one map")
     d = finite[0].directions.shape[1] if finite else 2
     refuse_filters_in_2d(d, heights, body)
     bundles = [bundle for scan in finite for bundle in _bundles_of(scan)]
@@ -190,7 +190,7 @@ def refuse_filters_in_2d(d: int, heights: tuple[float, float], body: FloatArray)
 
 
 def _joined(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:
-    # A scan of space is a batch of its own, and long: it is not copied.
+    # A 3D scan is a batch of its own, and long: it is not copied.
     if len(arrays) == 1:
         return np.ascontiguousarray(arrays[0], np.float64)
     return np.concatenate([nothing, *arrays])
