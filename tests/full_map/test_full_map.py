@@ -340,7 +340,7 @@ def test_settings_that_will_not_do() -> None:
         ([beam(0.0, 0.0, 0.0, math.nan)], "1 x beam.nan"),
         (
             [beam(0, 0, 0, 1.0), Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3)[:1], np.ones(1))],
-            "all of the plane or all of space",
+            "all 2D or all 3D",
         ),
     ],
 )

@@ -137,7 +137,7 @@ def test_a_snapshot_is_left_alone_and_leaves_the_map_alone() -> None:
     assert early.report.scans == 12
     late = estimator.view()
     assert len(late.known_log_odds()[0]) > len(index)
-    # Looking at it half way changed nothing: neighbours were told in the copy only.
+    # Looking at it half way changed nothing: messages went to neighbours in the copy only.
     assert same(late, online(scans).view())
 
 
@@ -250,7 +250,7 @@ def test_nothing_at_all() -> None:
 
 def test_plane_and_space_do_not_mix() -> None:
     estimator = online(room(1))
-    with pytest.raises(InputError, match="plane and of space"):
+    with pytest.raises(InputError, match="2D and 3D scans"):
         estimator.add_scans([Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3)[:1], np.ones(1))])
 
 
@@ -278,13 +278,19 @@ def test_a_field_grows_block_by_block(d: int) -> None:
     for i, at in enumerate(coords):
         assert field.insert(np.array([at, coords[0]])).tolist() == [i, 0]
         assert (field.belief[i * cells :] == 7).all()
-        assert not field.told[i * cells :].any()
+        assert not field.received[i * cells :].any()
         assert not field.observed[i * cells :].any()
-        field.belief[i * cells :], field.told[i * cells :], field.observed[i * cells :] = i, i, 1
+        field.belief[i * cells :], field.received[i * cells :], field.observed[i * cells :] = (
+            i,
+            i,
+            1,
+        )
     count = len(coords)
     assert np.array_equal(field.coords, coords)
     assert np.array_equal(field.belief, np.repeat(np.arange(count), cells))
-    assert np.array_equal(field.told, np.repeat(np.arange(count), cells)[:, None] * np.ones(2 * d))
+    assert np.array_equal(
+        field.received, np.repeat(np.arange(count), cells)[:, None] * np.ones(2 * d)
+    )
     assert field.observed.all()
     number = {tuple(at): i for i, at in enumerate(coords.tolist())}
     for at, beside in zip(coords.tolist(), field.beside().tolist(), strict=True):

@@ -23,7 +23,7 @@ _Number = TypeVar("_Number", bound=np.generic)
 _BYTES = 4 + 2 + 4 + 4 + 4
 
 # A cell counts as seen by a beam if at least half of it (or of a narrower beam) is inside, up to
-# two sigma behind the reading: farther back the beam says nothing of it.
+# two sigma behind the reading: farther back the beam says nothing about it.
 _LEAST_FRACTION = 0.5
 _SIGMAS_BEHIND = 2.0
 _LEAST_CHANCE = 0.1

@@ -22,7 +22,7 @@ __all__ = ["BeamCells", "Beams", "beam_cells"]
 _BLOCK_CELLS = 1 << 20
 _BLOCK_BEAMS = 1 << 16
 # A beam with more cells is a mistake in the units.
-_MOST_CELLS = 1 << 28
+_MAX_CELLS = 1 << 28
 # How far the length of a unit vector may be off, and how far after a rotation of few digits, which
 # poses are read with.
 _UNIT, _ROUNDED = 1e-6, 2e-3
@@ -73,7 +73,7 @@ class Beams:
 
     @property
     def ndim(self) -> int:
-        """2 for beams of the plane, 3 for beams of space."""
+        """2 for 2D beams, 3 for 3D beams."""
         return int(self.origins.shape[1])
 
     @classmethod
@@ -87,10 +87,10 @@ class Beams:
             The beams of the scans with a finite pose, and how many scans were skipped, by reason.
 
         Raises:
-            InputError: no scans, or scans of the plane and of space are mixed.
+            InputError: no scans, or 2D and 3D scans are mixed.
         """
         if len({scan.directions.shape[1] for scan in scans}) != 1:
-            raise InputError("beams are taken from scans, all of the plane or all of space")
+            raise InputError("beams are taken from scans that are all 2D or all 3D")
         usable = [scan for scan in scans if scan.map_from_sensor.is_finite]
         d = scans[0].directions.shape[1]
         poses = [(scan.map_from_sensor, scan) for scan in usable]
@@ -165,13 +165,13 @@ def beam_cells(
     origins = beams.origins / resolution
     counts = np.array(shape[::-1], np.int64)
     dtype: type[np.signedinteger] = np.int32 if math.prod(shape) < 2**31 else np.int64
-    room, first = _BLOCK_CELLS, 0
+    capacity, first = _BLOCK_CELLS, 0
     while first < len(beams):
         last = min(first + _BLOCK_BEAMS, len(beams))
         offsets = np.empty(last - first + 1, np.int64)
-        cells = np.empty(room, dtype)
-        bins = np.empty(room, np.int32)
-        fractions = np.empty(room, np.float32)
+        cells = np.empty(capacity, dtype)
+        bins = np.empty(capacity, np.int32)
+        fractions = np.empty(capacity, np.float32)
         done = list_cells(
             origins[:last],
             beams.directions[:last],
@@ -188,10 +188,10 @@ def beam_cells(
             fractions,
         )
         if done == first:
-            room *= 2
-            if room > _MOST_CELLS:
+            capacity *= 2
+            if capacity > _MAX_CELLS:
                 raise MapTooLargeError(
-                    f"beam {first} meets more than {_MOST_CELLS} cells of {resolution} m: "
+                    f"beam {first} meets more than {_MAX_CELLS} cells of {resolution} m: "
                     "lower range_max or cone_deg, or take larger cells"
                 )
             continue

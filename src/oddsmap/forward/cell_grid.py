@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cells that beams speak of, numbered: sparse blocks of a plane or of space.
+"""The cells that beams are about, numbered: sparse 2D or 3D blocks.
 
-What is known of the cells (beliefs, messages between neighbours) lies in arrays of one row a cell,
-block after block, x fastest within a block.
+What is known about the cells (beliefs, messages between neighbours) lies in arrays of one row per
+cell, block after block, x fastest within a block.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ __all__ = ["CellField", "Window", "windows_of"]
 # The same as an evidence map's tiles.
 _SIDE = {2: 32, 3: 8}
 # Cells have numbers of 31 bits.
-_MOST_CELLS = (1 << 31) - 1
-# A window's table has 4 bytes a block; of more cells than this a beam is too long by mistake.
-_MOST_BLOCKS = 1 << 28
+_MAX_CELLS = (1 << 31) - 1
+# A window's table has 4 bytes per block; of more cells than this a beam is too long by mistake.
+_MAX_BLOCKS = 1 << 28
 
 
 class CellField:
@@ -37,7 +37,7 @@ class CellField:
     Attributes:
         coords: coordinates of each block in blocks, shape (blocks, d), x first.
         belief: log odds of each cell [1 / NAT], shape (cells,).
-        told: messages of a cell's neighbours [1 / NAT], shape (cells, 2 d).
+        received: messages from a cell's neighbours [1 / NAT], shape (cells, 2 d).
         observed: LISTED or REACHED by beams, or 0, shape (cells,).
 
     The arrays may be others after `insert` or a window's `number`.
@@ -48,25 +48,25 @@ class CellField:
         self.side = _SIDE[ndim]
         self.start = start
         self._number: dict[tuple[int, ...], int] = {}
-        self._rooms: dict[str, npt.NDArray[Any]] = {
+        self._capacity: dict[str, npt.NDArray[Any]] = {
             "coords": np.empty((0, ndim), np.int64),
-            "beside": np.empty((0, 2 * ndim), np.int32),
+            "block_neighbours": np.empty((0, 2 * ndim), np.int32),
             "belief": np.empty(0, np.int64),
-            "told": np.empty((0, 2 * ndim), np.int32),
+            "received": np.empty((0, 2 * ndim), np.int32),
             "observed": np.empty(0, np.uint8),
         }
         self._show()
 
     def _show(self) -> None:
-        # The arrays are the used part of rooms that double, so that adding blocks one by one
-        # takes time in proportion to their number.
+        # The arrays are the used part of larger arrays that double, so that adding blocks one by
+        # one takes time in proportion to their number.
         blocks = len(self._number)
         cells = blocks * self.block_cells
-        self.coords: IntArray = self._rooms["coords"][:blocks]
-        self._beside: npt.NDArray[np.int32] = self._rooms["beside"][:blocks]
-        self.belief: IntArray = self._rooms["belief"][:cells]
-        self.told: npt.NDArray[np.int32] = self._rooms["told"][:cells]
-        self.observed: npt.NDArray[np.uint8] = self._rooms["observed"][:cells]
+        self.coords: IntArray = self._capacity["coords"][:blocks]
+        self._block_neighbours: npt.NDArray[np.int32] = self._capacity["block_neighbours"][:blocks]
+        self.belief: IntArray = self._capacity["belief"][:cells]
+        self.received: npt.NDArray[np.int32] = self._capacity["received"][:cells]
+        self.observed: npt.NDArray[np.uint8] = self._capacity["observed"][:cells]
 
     @property
     def block_cells(self) -> int:
@@ -76,7 +76,7 @@ class CellField:
     @property
     def nbytes(self) -> int:
         """Bytes of memory in use."""
-        return self.belief.nbytes + self.told.nbytes + self.observed.nbytes + self.coords.nbytes
+        return self.belief.nbytes + self.received.nbytes + self.observed.nbytes + self.coords.nbytes
 
     def insert(self, coords: IntArray) -> npt.NDArray[np.int32]:
         """Numbers of blocks, made where they are new: coords (n, d) in, shape (n,) out.
@@ -92,7 +92,7 @@ class CellField:
                 at = self._number[key] = len(self._number)
                 new.append(key)
             numbers[i] = at
-        if len(self._number) * self.block_cells > _MOST_CELLS:
+        if len(self._number) * self.block_cells > _MAX_CELLS:
             raise MapTooLargeError(
                 f"full-map estimation holds up to 2^31 cells, the beams reach "
                 f"{len(self._number) * self.block_cells:.1e}: use a coarser resolution, or map a "
@@ -104,29 +104,33 @@ class CellField:
 
     def _grow(self, new: IntArray) -> None:
         before, blocks = len(self.coords), len(self._number)
-        if blocks > len(self._rooms["coords"]):
-            for name, room in self._rooms.items():
-                rows = 1 if name in ("coords", "beside") else self.block_cells
-                larger = np.empty((max(blocks, 2 * before) * rows, *room.shape[1:]), room.dtype)
-                larger[: before * rows] = room[: before * rows]
-                self._rooms[name] = larger
+        if blocks > len(self._capacity["coords"]):
+            for name, array in self._capacity.items():
+                rows = 1 if name in ("coords", "block_neighbours") else self.block_cells
+                larger = np.empty((max(blocks, 2 * before) * rows, *array.shape[1:]), array.dtype)
+                larger[: before * rows] = array[: before * rows]
+                self._capacity[name] = larger
         self._show()
         first = before * self.block_cells
         self.coords[before:] = new
-        self.belief[first:], self.told[first:], self.observed[first:] = self.start, 0, 0
+        self.belief[first:], self.received[first:], self.observed[first:] = self.start, 0, 0
         for way in range(2 * self.ndim):
             step = np.zeros(self.ndim, np.int64)
             step[way // 2] = 2 * (way % 2) - 1
             found = self.find(new + step)
-            self._beside[before:, way] = found
+            self._block_neighbours[before:, way] = found
             there = np.flatnonzero(found >= 0)
-            self._beside[found[there], way ^ 1] = before + there
+            self._block_neighbours[found[there], way ^ 1] = before + there
 
     def copy(self) -> CellField:
         """A field of its own, with the same numbers and values."""
         other = CellField(self.ndim, self.start)
         other.insert(self.coords)
-        other.belief[:], other.told[:], other.observed[:] = self.belief, self.told, self.observed
+        other.belief[:], other.received[:], other.observed[:] = (
+            self.belief,
+            self.received,
+            self.observed,
+        )
         return other
 
     def find(self, coords: IntArray) -> npt.NDArray[np.int32]:
@@ -134,14 +138,14 @@ class CellField:
         keys = map(tuple, coords.tolist())
         return np.array([self._number.get(key, -1) for key in keys], np.int32)
 
-    def beside(self) -> npt.NDArray[np.int32]:
+    def block_neighbours(self) -> npt.NDArray[np.int32]:
         """Number of the block on each side of each block, or -1, shape (blocks, 2 d)."""
-        return self._beside
+        return self._block_neighbours
 
     def neighbours(self) -> npt.NDArray[np.int32]:
         """Number of the cell on each side of each cell, or -1, shape (cells, 2 d).
 
-        Below and above along x, then y, then z, as `beside` has it of blocks.
+        Below and above along x, then y, then z, as `block_neighbours` has it for blocks.
         """
         blocks = np.arange(len(self.coords)).reshape(-1, *(1,) * (self.ndim - 1))
         cells = np.arange(len(self.belief), dtype=np.int32)
@@ -152,8 +156,10 @@ class CellField:
             # At a block's end it goes on in the next one, where it has begun in this one.
             near = np.roll(cells, -1 if up else 1, axis)
             end = np.moveaxis(near, axis, -1)[..., -1 if up else 0]
-            beside = self._beside[:, way].reshape(blocks.shape)
-            end[...] = np.where(beside >= 0, end + (beside - blocks) * self.block_cells, -1)
+            near_blocks = self._block_neighbours[:, way].reshape(blocks.shape)
+            end[...] = np.where(
+                near_blocks >= 0, end + (near_blocks - blocks) * self.block_cells, -1
+            )
             found[:, way] = near.ravel()
         return found
 
@@ -181,7 +187,7 @@ class Window:
         first = lo // field.side
         self._first = first
         blocks = -(-hi // field.side) - first
-        if np.prod(blocks.astype(np.float64)) > _MOST_BLOCKS:
+        if np.prod(blocks.astype(np.float64)) > _MAX_BLOCKS:
             raise MapTooLargeError(
                 f"the beams span {' x '.join(str(int(n)) for n in blocks * field.side)} cells: "
                 "use a coarser resolution, or range_max where a reading is too long"
@@ -229,10 +235,10 @@ def windows_of(
     pending = [slice(0, len(origins))]
     while pending:
         run = pending.pop()
-        least, most = origins[run].min(axis=0), origins[run].max(axis=0)
-        lo, hi = np.floor(least - reach), np.ceil(most + reach)
+        lowest, highest = origins[run].min(axis=0), origins[run].max(axis=0)
+        lo, hi = np.floor(lowest - reach), np.ceil(highest + reach)
         blocks = np.prod(np.ceil(hi / field.side) - np.floor(lo / field.side))
-        if blocks > _MOST_BLOCKS and (least < most).any():
+        if blocks > _MAX_BLOCKS and (lowest < highest).any():
             middle = (run.start + run.stop) // 2
             pending += [slice(middle, run.stop), slice(run.start, middle)]
         else:

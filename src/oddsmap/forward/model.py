@@ -83,7 +83,7 @@ class ForwardModel:
             )
         if self.range_max is None:
             raise ConfigError(
-                "sensor.range_max is needed: without it a no-return says nothing of any cell"
+                "sensor.range_max is needed: without it a no-return says nothing about any cell"
             )
         if not 0.0 <= self.range_min < self.range_max < math.inf:
             raise ConfigError(
@@ -114,7 +114,7 @@ class ForwardModel:
         return resolution / 4 if self.bin_width is None else self.bin_width
 
     def noise(self, resolution: float) -> Noise:
-        """What kernels need to know of readings, for cells of a side [m]."""
+        """What kernels need to know about readings, for cells of a side [m]."""
         from oddsmap.kernels.infer.first_echo import Noise
 
         return Noise(
@@ -145,7 +145,7 @@ class ForwardModel:
         return int(float(self.reach(np.inf)) / self.bin_width_at(resolution)) + 2
 
     def bin_likelihoods(self, reading: float, resolution: float) -> tuple[FloatArray, float]:
-        """What a reading says of where the first echo came from.
+        """What a reading says about where the first echo came from.
 
         Args:
             reading: the range z [m]; +Inf or at least range_max: no return.
@@ -158,16 +158,16 @@ class ForwardModel:
         """
         from oddsmap.kernels.infer.first_echo import bin_likelihoods
 
-        given = np.ones(self.bin_count(resolution))
+        by_bin = np.ones(self.bin_count(resolution))
         if not reading >= self.range_min:
-            return given, 1.0
-        none = bin_likelihoods(float(reading), self.noise(resolution), given)
-        return given, float(none)
+            return by_bin, 1.0
+        none = bin_likelihoods(float(reading), self.noise(resolution), by_bin)
+        return by_bin, float(none)
 
     def cells(
         self, beams: Beams, resolution: float, lo: npt.ArrayLike, shape: Sequence[int]
     ) -> Iterator[tuple[slice, BeamCells]]:
-        """The cells of a window that beams speak of, a block of beams at a time.
+        """The cells of a window that beams are about, a block of beams at a time.
 
         Args:
             beams: with their readings: cells are listed up to the `reach` of each and half a bin.

@@ -34,13 +34,13 @@ __all__ = ["Propagation"]
 # Of the old message, where all beams move at once or messages are to settle.
 _DAMPED = 0.5
 # Where readings contradict each other (things that moved, poses that are off) a few messages would
-# swing for ever; from the sweep after this on they keep half of what they were, and settle.
+# swing forever; from the sweep after this on they keep half of what they were, and settle.
 _FREE_SWEEPS = 10
-# Beams of a chunk do not know of each other. In a short log 512 are many that share their cells,
-# and they would overshoot together for ever: no more than this share of the beams.
+# Beams of a chunk do not know about each other. In a short log 512 are many that share their cells,
+# and they would overshoot together forever: no more than this share of the beams.
 _LARGEST_SHARE = 1 / 64
 # Fewer beams of a chunk are not worth sharing among threads.
-_LEAST_SHARED = 64
+_MIN_SHARED = 64
 
 
 class Propagation:
@@ -113,17 +113,18 @@ class Propagation:
             )
         else:
             moved = self._in_chunks(order, keep)
-        told = 0
+        sent = 0
         coupling = self.config.coupling_in(self.field.ndim)
         if coupling > 0.0:
-            told = pass_to_neighbours(
-                self.field.beside(), self.field.side, self.field.ndim, coupling,
-                self.field.belief, self.field.told,
+            sent = pass_to_neighbours(
+                self.field.block_neighbours(), self.field.side, self.field.ndim, coupling,
+                self.field.belief, self.field.received,
             )  # fmt: skip
         # A damped step is half as long as the message is off.
         off = moved / (1.0 - keep)
         return max(
-            off / NAT / max(1, len(self.messages)), told / NAT / max(1, self.field.told.size)
+            off / NAT / max(1, len(self.messages)),
+            sent / NAT / max(1, self.field.received.size),
         )
 
     def _in_chunks(self, order: IntArray, keep: float) -> int:
@@ -135,10 +136,10 @@ class Propagation:
             for start in range(0, len(order), size):
                 chunk = order[start : start + size]
                 # Chunks of a short log are done in less time than it takes to wake a thread.
-                alone = self._threads == 1 or len(chunk) < _LEAST_SHARED
+                alone = self._threads == 1 or len(chunk) < _MIN_SHARED
                 parts = [chunk] if alone else np.array_split(chunk, self._threads)
-                fresh = list(map(self._renewed, parts) if alone else pool.map(self._renewed, parts))
-                for part, messages in zip(parts, fresh, strict=True):
+                new = list(map(self._renewed, parts) if alone else pool.map(self._renewed, parts))
+                for part, messages in zip(parts, new, strict=True):
                     moved += apply_messages(
                         self.rows, part, self.field.belief, self.messages, messages, keep
                     )
@@ -146,9 +147,9 @@ class Propagation:
 
     def _renewed(self, beams: IntArray) -> npt.NDArray[np.int32]:
         lengths = self.rows.offsets[beams + 1] - self.rows.offsets[beams]
-        fresh = np.empty(int(lengths.sum()), np.int32)
+        new = np.empty(int(lengths.sum()), np.int32)
         new_messages(
             self.rows, beams, self.noise, self.detection, self.field.belief, self.messages,
-            fresh,
+            new,
         )  # fmt: skip
-        return fresh
+        return new

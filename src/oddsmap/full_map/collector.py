@@ -78,14 +78,14 @@ class BeamCollector:
     def list_beams(
         self, prior: tuple[float, float], model: ForwardModel | None = None
     ) -> tuple[CellField, BeamRows]:
-        """The cells that the beams speak of, with the prior's belief, and the beams' rows.
+        """The cells that the beams are about, with the prior's belief, and the beams' rows.
 
         Args:
-            prior: p(x) of a cell of the plane, and of one of space.
+            prior: p(x) of a 2D cell, and of a 3D cell.
             model: in place of the sensor's own forward model.
 
         Raises:
-            InputError: no usable scan, or scans of the plane and of space together.
+            InputError: no usable scan, or 2D and 3D scans together.
             MapTooLargeError: it would not fit in memory.
         """
         from oddsmap.forward.beam_rows import list_rows

@@ -49,18 +49,18 @@ def build_full_map(
     """Estimate the whole map from a log: the way to go for wide beams.
 
     Args:
-        log: what `open_log` gives, or any scans.
+        log: what `open_log` returns, or any scans.
         resolution: side of a cell [m].
-        sensor: the sensor model; default: what the log says of its sensor, as in `build_map`.
+        sensor: the sensor model; default: what the log says about its sensor, as in `build_map`.
         settings: how beliefs are propagated.
-        threads: how many to work with; changes no bit of the result.
+        threads: how many threads to use; does not change the result by a bit.
         progress: called after each sweep with its number and the residual [nats].
 
     Returns:
         The map; its `report` says what was used and what was skipped.
 
     Raises:
-        InputError: no usable scan, or scans of the plane and of space together.
+        InputError: no usable scan, or 2D and 3D scans together.
         ConfigError: a parameter outside its range, or a sensor without range_max.
         MapTooLargeError: it would not fit in memory.
     """
@@ -81,7 +81,7 @@ class FullMapEstimator:
 
     Args:
         config: resolution, sensor and settings.
-        threads: how many to work with; changes no bit of the result.
+        threads: how many threads to use; does not change the result by a bit.
 
     Raises:
         ConfigError: the sensor has no forward model, a parameter is outside its range, or a
@@ -145,7 +145,7 @@ class FullMapEstimator:
 
         Neighbouring cells of one map fit each other, as they do not where each is drawn from its
         own probability: for planners that want to know if a gap is open, not how likely a cell.
-        Seed, burn-in and the rest are those of the settings, whatever their method.
+        Seed, burn-in and the others are those of the settings, whatever their method.
 
         Args:
             count: how many maps.

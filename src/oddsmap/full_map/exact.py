@@ -25,7 +25,7 @@ __all__ = ["MOST_CELLS", "ExactPosterior"]
 
 
 MOST_CELLS = 20
-"""2^20 maps: 8 MB a copy of the joint posterior."""
+"""2^20 maps: 8 MB per copy of the joint posterior."""
 
 
 class ExactPosterior:
@@ -41,12 +41,12 @@ class ExactPosterior:
         resolution: side of a cell [m].
         lo: index of the first cell, shape (d,), x first; default: zeros.
         prior: p(x) of each cell, a number or an array of the window's shape.
-        coupling: J of the Ising prior: each pair of equal neighbours (4 in the plane, 6 in space)
+        coupling: J of the Ising prior: each pair of equal neighbours (4 in 2D, 6 in 3D)
             multiplies p(m) by exp(J); 0: cells are independent.
 
     Raises:
         MapTooLargeError: more than 20 cells.
-        ConfigError: a prior outside (0, 1) or of another shape, or a coupling that is no number.
+        ConfigError: a prior outside (0, 1) or of another shape, or a coupling that is not a number.
         InputError: the window has no cells, or not 2 or 3 axes.
 
     Example:
@@ -113,7 +113,7 @@ class ExactPosterior:
 
     @property
     def log_evidence(self) -> float:
-        """Log of p(z_1:t): how well the sensor model and the prior foretold all readings."""
+        """Log of p(z_1:t): how well the sensor model and the prior predicted all readings."""
         return _log_sum(self._log_joint)
 
     def update(
@@ -149,9 +149,9 @@ class ExactPosterior:
             for b, reading in enumerate(beams.ranges[part]):
                 rows = slice(listed.offsets[b], listed.offsets[b + 1])
                 cells = listed.cells[rows]
-                given, none = model.bin_likelihoods(float(reading), self.resolution)
+                by_bin, none = model.bin_likelihoods(float(reading), self.resolution)
                 over = _over_maps(
-                    chance[cells] * listed.fractions[rows], listed.bins[rows], given, none
+                    chance[cells] * listed.fractions[rows], listed.bins[rows], by_bin, none
                 )
                 # Axis a of `full` is cell n - 1 - a; so is that of what is added to it, once the
                 # cells of the beam, nearest first, are put in the window's order.
@@ -173,14 +173,14 @@ class ExactPosterior:
         Raises:
             InputError: another shape, a negative or infinite value, or no map is possible.
         """
-        given = np.asarray(likelihood, np.float64)
-        if given.shape != self._log_joint.shape or not ((given >= 0) & np.isfinite(given)).all():
+        by_map = np.asarray(likelihood, np.float64)
+        if by_map.shape != self._log_joint.shape or not ((by_map >= 0) & np.isfinite(by_map)).all():
             raise InputError(
                 f"the likelihood of {len(self._log_joint)} maps is as many numbers of 0 or more, "
-                f"got shape {given.shape}"
+                f"got shape {by_map.shape}"
             )
         with np.errstate(divide="ignore"):
-            self._keep(self._log_joint + np.log(given))
+            self._keep(self._log_joint + np.log(by_map))
 
     def marginals(self) -> FloatArray:
         """p(m_i = 1 | z_1:t) of each cell, of the window's shape."""
@@ -221,7 +221,7 @@ class ExactPosterior:
 
 
 def _over_maps(
-    chances: FloatArray, bins: npt.NDArray[np.int32], given: FloatArray, none: float
+    chances: FloatArray, bins: npt.NDArray[np.int32], by_bin: FloatArray, none: float
 ) -> FloatArray:
     # p(z | m) over all maps of a beam's cells, bit i = cell i, nearest first. Built bin by bin, so
     # that the arrays double with each cell: the whole costs little more than the last bin.
@@ -230,7 +230,7 @@ def _over_maps(
         silent = np.ones(1)
         for chance in chances[bins == k]:
             silent = np.multiply.outer([1.0, 1.0 - chance], silent).ravel()
-        heard = (heard + np.multiply.outer(given[k] * (1.0 - silent), through)).ravel()
+        heard = (heard + np.multiply.outer(by_bin[k] * (1.0 - silent), through)).ravel()
         through = np.multiply.outer(silent, through).ravel()
     return heard + none * through
 
@@ -260,5 +260,5 @@ def _p_log_p(p: FloatArray) -> FloatArray:
 
 
 def _log_sum(log_values: FloatArray) -> float:
-    most = float(log_values.max())
-    return most + math.log(float(np.sum(np.exp(log_values - most))))
+    highest = float(log_values.max())
+    return highest + math.log(float(np.sum(np.exp(log_values - highest))))

@@ -73,7 +73,7 @@ class FullMap(Belief):
 
     @property
     def ndim(self) -> int:
-        """2 for a map of the plane, 3 for a map of space."""
+        """2 for a 2D map, 3 for a 3D map."""
         return int(self.blocks.shape[1])
 
     @property

@@ -48,7 +48,7 @@ class FactorGraph:
         noise: what the sensor adds.
         detection: chance that an occupied cell wholly in the cone returns the beam, for each cell
             or one for all, shape (1,).
-        beside: numbers of each cell's neighbours, -1 where there is none, shape (cells, 2 d); a
+        neighbours: numbers of each cell's neighbours, -1 where there is none, shape (cells, 2 d); a
             pair of neighbours is listed from both sides.
         prior: log odds of a cell before its neighbours and beams are looked at, for each cell or
             one for all, shape (1,).
@@ -61,7 +61,7 @@ class FactorGraph:
     rows: BeamRows
     noise: Noise
     detection: FloatArray
-    beside: npt.NDArray[np.int32]
+    neighbours: npt.NDArray[np.int32]
     prior: FloatArray = field(default_factory=lambda: np.zeros(1))
     coupling: float = 0.0
 
@@ -83,7 +83,7 @@ class FactorGraph:
     @property
     def cell_count(self) -> int:
         """How many cells there are."""
-        return len(self.beside)
+        return len(self.neighbours)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,7 +174,7 @@ def gibbs(
         if sweep == half:
             before[:] = total
         flips += gibbs_sweep(
-            graph.rows, bins, of_cells, graph.detection, graph.beside, graph.prior,
+            graph.rows, bins, of_cells, graph.detection, graph.neighbours, graph.prior,
             float(graph.coupling), rng.random(graph.cell_count), state, total,
         )  # fmt: skip
         if sample_every is not None and sweep >= 0 and (sweep + 1) % sample_every == 0:
@@ -211,7 +211,7 @@ def hill_climb(
     done, flips = 0, 1
     while flips and done < max_sweeps:
         flips = climb_sweep(
-            graph.rows, bins, of_cells, graph.detection, graph.beside, graph.prior,
+            graph.rows, bins, of_cells, graph.detection, graph.neighbours, graph.prior,
             float(graph.coupling), state,
         )  # fmt: skip
         done += 1
@@ -230,8 +230,8 @@ def conditional_log_odds(graph: FactorGraph, occupied: BoolArray) -> FloatArray:
     bins, of_cells, state = _begin(graph, occupied)
     odds = np.empty(graph.cell_count)
     conditional(
-        bins, of_cells, graph.detection, graph.beside, graph.prior, float(graph.coupling), state,
-        odds,
+        bins, of_cells, graph.detection, graph.neighbours, graph.prior, float(graph.coupling),
+        state, odds,
     )  # fmt: skip
     return odds
 
@@ -285,8 +285,8 @@ def _begin(graph: FactorGraph, start: BoolArray | None) -> tuple[BeamBins, CellR
 
 def _log_joint(graph: FactorGraph, bins: BeamBins, state: State) -> float:
     # Each pair of neighbours is listed twice.
-    there = graph.beside >= 0
-    equal = np.count_nonzero(there & (state[graph.beside] == state[:, None])) / 2
+    there = graph.neighbours >= 0
+    equal = np.count_nonzero(there & (state[graph.neighbours] == state[:, None])) / 2
     with np.errstate(divide="ignore"):
         beams = float(np.sum(np.log(bins.likelihood)))
     return beams + float(np.sum(graph.prior * state)) + float(graph.coupling) * equal

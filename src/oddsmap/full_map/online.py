@@ -7,7 +7,7 @@
          -> tell neighbours      # now and then, where beliefs have changed
 
 The first of these alone is assumed-density filtering: the exact inverse sensor model of a beam,
-given what is believed of its other cells. Sweeping the last scans again mends what was believed
+given what is believed about its other cells. Sweeping the last scans again mends what was believed
 too early. The message of a scan that leaves the window stays in the beliefs for good.
 
 Sources: Minka, Expectation propagation for approximate Bayesian inference (2001), section 3.1, for
@@ -74,7 +74,7 @@ class OnlineFullMap:
     Other Args:
         window: how many scans, the new one among them, are swept once more when one is added.
             0: each beam is looked at once.
-        prior_every: neighbours are told each time that this many usable scans were added. At
+        prior_every: messages go to neighbours each time this many usable scans were added. At
             half the window the sonar benchmark gives the log loss of 1, at a third less time.
 
     Attributes:
@@ -87,9 +87,9 @@ class OnlineFullMap:
 
     def __init__(self, config: Config, *, window: int = 10, prior_every: int = 5) -> None:
         sensor = ranging_sensor(config)
-        for name, value, least in (("window", window, 0), ("prior_every", prior_every, 1)):
-            if value < least:
-                raise ConfigError(f"{name}: at least {least} is needed, got {value}")
+        for name, value, min_value in (("window", window, 0), ("prior_every", prior_every, 1)):
+            if value < min_value:
+                raise ConfigError(f"{name}: at least {min_value} is needed, got {value}")
         if config.full_map.method != "sum-product":
             raise ConfigError(
                 f"full_map.method {config.full_map.method} needs all beams at once: online there "
@@ -129,7 +129,7 @@ class OnlineFullMap:
             What became of them; no usable scan is no error.
 
         Raises:
-            InputError: scans of the plane and of space together, or a scan that is not of ranges.
+            InputError: 2D and 3D scans together, or a scan that is not of ranges.
             MapTooLargeError: it would not fit in memory.
         """
         report = Report(compile_s=warm_up(_estimate_toys))
@@ -152,10 +152,10 @@ class OnlineFullMap:
     def view(self) -> FullMap:
         """The map as it is believed now: a copy, which later scans leave alone.
 
-        Neighbours are told in the copy as if it were their turn. Its `sweeps` says how often the
-        beams of a scan were looked at, and its `residual` is that of the last sweep of the window
-        [nats]. So `converged` says that the messages of the newest scans rest; those of older
-        ones are not looked at again, wherever they would go.
+        In the copy messages go to neighbours as if it were their turn. Its `sweeps` says how often
+        the beams of a scan were looked at, and its `residual` is that of the last sweep of the
+        window [nats]. So `converged` says that the messages of the newest scans rest; those of
+        older ones are not looked at again, wherever they would go.
 
         Raises:
             InputError: no usable scan was added yet.
@@ -233,7 +233,7 @@ class OnlineFullMap:
             prior = self.config.full_map.prior_in(beams.ndim)
             self._field = CellField(beams.ndim, round(math.log(prior / (1.0 - prior)) * NAT))
         elif self._field.ndim != beams.ndim:
-            raise InputError("scans of the plane and of space cannot go into one map")
+            raise InputError("2D and 3D scans cannot go into one map")
         return self._field
 
     def _sweep(self, field: CellField, scans: Iterable[_Recent]) -> float:
@@ -261,17 +261,23 @@ class OnlineFullMap:
         note_observed(field, scan.rows, self._model, resolution, self._detection)
 
     def _tell_neighbours(self, field: CellField) -> None:
-        """The Ising prior, from the blocks in which a scan was swept since, and those beside."""
+        """The Ising prior, from the blocks in which a scan was swept since and their neighbours."""
         from oddsmap.kernels.infer.ising import pass_from_blocks
 
         coupling = self.config.full_map.coupling_in(field.ndim)
         if coupling == 0.0:
             return
-        beside = field.beside()
+        block_neighbours = field.block_neighbours()
         swept = np.unique(np.concatenate([*self._changed, *(s.blocks for s in self._recent)]))
-        around = np.unique(np.concatenate([swept, beside[swept].ravel()]))
+        around = np.unique(np.concatenate([swept, block_neighbours[swept].ravel()]))
         pass_from_blocks(
-            around[around >= 0], beside, field.side, field.ndim, coupling, field.belief, field.told
+            around[around >= 0],
+            block_neighbours,
+            field.side,
+            field.ndim,
+            coupling,
+            field.belief,
+            field.received,
         )
 
 

@@ -52,7 +52,7 @@ ReflectionMethod = Literal["ep", "adf", "em"]
 
 # Of the old message, from the second sweep on.
 _KEPT = 0.5
-# Least range noise, as a share of a cell.
+# Smallest range noise, as a share of a cell.
 _SPREAD = 1.0 / 3.0
 
 
@@ -80,29 +80,29 @@ def build_reflection_map(
     they know nothing of the doubt about the other cells.
 
     Args:
-        log: what `open_log` gives, or any scans.
+        log: what `open_log` returns, or any scans.
         resolution: side of a cell [m].
 
     Other Args:
-        sensor: the sensor model; default: what the log says of its sensor, as in `build_map`. Its
-            `detection` has no say: what a cell returns is what is estimated. Its range noise is
-            taken to be a third of a cell at least, since a surface lies anywhere in its cell.
+        sensor: the sensor model; default: what the log says about its sensor, as in `build_map`.
+            Its `detection` has no effect: what a cell returns is what is estimated. Its range noise
+            is taken to be a third of a cell at least, since a surface lies anywhere in its cell.
         a: the Beta prior's weight of hits. By default cells are held to be free or solid rather
             than half-way, as most are (the flat prior, a = b = 1, draws both to the middle), and
             free more often: where each is believed to be solid half the time, no beam is believed
             to come far, and a log of few beams says nothing.
         b: its weight of passes.
         range_bias: how far behind the nearest point of its cell a surface lies [m]; None: 2 / pi
-            of a cell, from there to its centre, on average over all directions in the plane.
+            of a cell, from there to its centre, on average over all 2D directions.
         method: "ep", "adf" or "em".
-        sweeps: "ep", "em": the most sweeps.
+        sweeps: "ep", "em": the largest number of sweeps.
         progress: called after each sweep but that of "adf" with its number and the mean change.
 
     Returns:
         The map; its `report` says what was used and what was skipped.
 
     Raises:
-        InputError: no usable scan, or scans of the plane and of space together.
+        InputError: no usable scan, or 2D and 3D scans together.
         ConfigError: a parameter outside its range, or a sensor without range_max.
         MapTooLargeError: it would not fit in memory.
     """
@@ -168,19 +168,19 @@ def _propagate(
     noise: Noise,
     alpha: FloatArray,
     beta: FloatArray,
-    most: int,
+    max_sweeps: int,
     progress: Callable[[int, float], None] | None,
 ) -> tuple[int, float]:
     """Expectation propagation from the prior on, in place; its sweeps and residual."""
     from oddsmap.kernels.infer.beta_factor import revisit_beams
 
     order = np.arange(len(rows.readings))
-    told = np.zeros((len(rows.cells), 2), np.float32)
+    added = np.zeros((len(rows.cells), 2), np.float32)
     met = np.unique(rows.cells)
-    for number in range(1, most + 1):
+    for number in range(1, max_sweeps + 1):
         mean = alpha / (alpha + beta)
         kept = 0.0 if number == 1 else _KEPT
-        revisit_beams(rows, order, noise, np.ones(1), alpha, beta, told, kept)
+        revisit_beams(rows, order, noise, np.ones(1), alpha, beta, added, kept)
         residual = _moved(mean, alpha, beta, met)
         if progress is not None:
             progress(number, residual)
@@ -194,7 +194,7 @@ def _count(
     noise: Noise,
     alpha: FloatArray,
     beta: FloatArray,
-    most: int,
+    max_sweeps: int,
     progress: Callable[[int, float], None] | None,
     prior: tuple[float, float],
 ) -> tuple[int, float]:
@@ -202,10 +202,10 @@ def _count(
     from oddsmap.kernels.infer.beta_factor import VOTE, expected_counts
 
     met = np.unique(rows.cells)
-    for number in range(1, most + 1):
+    for number in range(1, max_sweeps + 1):
         mean = alpha / (alpha + beta)
         hits, passes = np.zeros((2, len(alpha)), np.int64)
-        # Trials that tell something of the cell alone: with others counted, intervals of cells
+        # Trials that tell something about the cell alone: with others counted, intervals of cells
         # that a cone hardly touches would be too narrow.
         expected_counts(rows, noise, np.ones(1), mean, True, hits, passes)
         alpha[:], beta[:] = prior[0] + hits / VOTE, prior[1] + passes / VOTE

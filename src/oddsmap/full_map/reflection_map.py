@@ -73,7 +73,7 @@ class ReflectionMap(BetaView):
 
     @property
     def ndim(self) -> int:
-        """2 for a map of the plane, 3 for a map of space."""
+        """2 for a 2D map, 3 for a 3D map."""
         return int(self.blocks.shape[1])
 
     @property
@@ -88,7 +88,7 @@ class ReflectionMap(BetaView):
 
     @property
     def converged(self) -> bool:
-        """Whether means came to rest; a map that has not is usable, and less sure than it says."""
+        """Whether means came to rest; if not, the map is usable, but less certain than it says."""
         return self.residual < REST
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
@@ -105,7 +105,7 @@ class ReflectionMap(BetaView):
         )
 
     def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:
-        """True where a beam has reached a region's cells, by what is known of those before them."""
+        """True where a beam has reached a region's cells, as far as is known of those before."""
         box = self._region(region)
         return dense_box(self.blocks, self.side, self.reached, 0.0, *box) > 0.0
 

@@ -70,7 +70,7 @@ class LeaveOneOut:
             fractions=np.minimum(1.0, edge * rows.fractions).astype(np.float32)
         )
         self._field.belief[:] = self._field.start
-        self._field.told[:] = 0
+        self._field.received[:] = 0
         self._messages = np.zeros(len(rows.cells), np.int32)
         self._edge = edge
         self.go_on(model, sweeps)
