@@ -191,7 +191,7 @@ def test_wrong_input() -> None:
     view = Given(some_map(2, 1))
     with pytest.raises(InputError, match=r"no usable scan \(there are none\); nothing to score"):
         score_map(view, [], SONAR)
-    with pytest.raises(InputError, match="the scans are of space, the map is of the plane"):
+    with pytest.raises(InputError, match="the scans are 3D, the map is 2D"):
         score_map(view, drawn(some_map(3, 1)[:20, :20, :20], 2, 1), SONAR)
     with pytest.raises(ConfigError, match="a sensor of kind overhead has no forward model"):
         score_map(view, [], OverheadSensor())

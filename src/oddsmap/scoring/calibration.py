@@ -84,10 +84,10 @@ class Calibration:
             if value is None:
                 continue
             error = self.errors.get(name)
-            said = "as it was" if error is None else f"+- {error:.2g}"
+            stated = "as it was" if error is None else f"+- {error:.2g}"
             if error is not None and math.isnan(error):
-                said = "at its bound"
-            lines.append(f"{name} = {float(f'{value:.5g}')!r}  # {said}")
+                stated = "at its bound"
+            lines.append(f"{name} = {float(f'{value:.5g}')!r}  # {stated}")
         for name in ("range_min", "range_max", "clear_range"):
             value = getattr(self.sensor, name)
             if value:
@@ -112,15 +112,15 @@ def calibrate(
     there is to learn; the pose of the sensor is taken as exact.
 
     Args:
-        log: what `open_log` gives, or any scans.
+        log: what `open_log` returns, or any scans.
         resolution: side of a cell [m].
         sensor: where to start, and what stays as it is (range_max...); default: what the log says.
         settings: how beliefs are propagated; `method` is "sum-product", which alone has the
             messages that this takes.
-        threads: how many to work with; changes no bit of the result.
+        threads: how many threads to use; does not change the result by a bit.
         noise_only: True: leave cone width and detection probability as they are, which takes a
             tenth of the time.
-        updates: the most updates of p_random, p_dropout and sigma in a row.
+        updates: how many updates there may be of p_random, p_dropout and sigma in a row.
         progress: called after each step with what was done and the mean log likelihood.
 
     Returns:
@@ -194,8 +194,10 @@ def calibrate(
 
 
 def _no_dropouts(kept: float, skipped: Counter[str]) -> str:
-    lost = skipped["beam.no_return"]
+    no_returns = skipped["beam.no_return"]
     what = "the log has no no-returns"
-    if lost:
-        what = f"no no-return counts ({lost:,} are skipped; sensor.clear_range lets them count)"
+    if no_returns:
+        what = (
+            f"no no-return counts ({no_returns:,} are skipped; sensor.clear_range lets them count)"
+        )
     return f"{what}: p_dropout cannot be told from it; kept at {kept:g}"

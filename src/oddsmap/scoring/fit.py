@@ -26,7 +26,7 @@ _SWEEPS, _MORE_SWEEPS = 6, 3
 # Updates end where no parameter moves by more than this; sigma: as a share.
 _RESTS = 5e-4
 _SIGMA_RESTS = 5e-3
-# Of p_random and p_dropout: at 0 one odd reading would veto a cell for ever.
+# Of p_random and p_dropout: at 0 one odd reading would veto a cell forever.
 _LEAST_RATE = 1e-4
 # log2 of how abruptly echoes set in at the cone's edge, and how far the search may go.
 _STEEPEST = 4.0
@@ -40,7 +40,7 @@ class Fit:
         work: the map, and the readings predicted from it.
         model: the sensor so far.
         beams: how many readings.
-        most_updates: of the noise's parameters, in a row.
+        max_updates: of the noise's parameters, in a row.
         progress: called after each step with what was done and the mean log likelihood.
         edge: how abruptly echoes set in at the edge of the cone, see `LeaveOneOut.settle`.
         updates: of the noise's parameters so far.
@@ -51,7 +51,7 @@ class Fit:
     work: LeaveOneOut
     model: ForwardModel
     beams: int
-    most_updates: int
+    max_updates: int
     progress: Callable[[str, float], None] | None
     edge: float = 1.0
     updates: int = 0
@@ -69,18 +69,18 @@ class Fit:
         """
         from oddsmap.kernels.infer.responsibilities import DROPOUT, LIKELIHOOD, RANDOM, SQUARES
 
-        some_lost = bool(self.work.no_returns.any())
-        for _ in range(self.most_updates):
+        some_no_returns = bool(self.work.no_returns.any())
+        for _ in range(self.max_updates):
             found = self.work.causes(self.model)
-            # What no-returns are not by dropout was an echo out of reach, and says nothing of the
-            # noise: their squares are 0, and so is their weight.
+            # What no-returns are not by dropout was an echo out of reach, and says nothing about
+            # the noise: their squares are 0, and so is their weight.
             true = np.where(self.work.no_returns, 0.0, 1.0 - found[:, RANDOM])
             old, model = self.model, self.model
             sigma = math.sqrt(found[:, SQUARES].sum() / true.sum())
-            # Without any no-return the log says nothing of dropouts: p_random is then a share of
-            # the rest.
+            # Without any no-return the log says nothing about dropouts: p_random is then a share of
+            # the remainder.
             p_random, p_dropout = float(found[:, RANDOM].mean()), model.p_dropout
-            if some_lost:
+            if some_no_returns:
                 p_dropout = max(float(found[:, DROPOUT].mean()), _LEAST_RATE)
             else:
                 p_random *= 1.0 - p_dropout

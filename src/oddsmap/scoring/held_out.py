@@ -29,7 +29,7 @@ __all__ = ["LogScores", "score_map"]
 
 # Beams looked at together: as many scans as that takes.
 _BATCH = 1 << 14
-# Probabilities of first echoes held at a time, one a beam and range bin: 8 MB.
+# Probabilities of first echoes held at a time, one per beam and range bin: 8 MB.
 _BATCH_BINS = 1 << 20
 # A likelihood of 0 (a no-return where p_dropout is 0 and an echo is certain) counts as this.
 _LEAST = 1e-12
@@ -42,7 +42,7 @@ class LogScores:
     """How well a map predicts the readings of a log.
 
     Log likelihoods are means over beams [nats]: of the density [1/m] of a reading that is finite,
-    of the probability of a no-return. Only differences mean something, in nats a beam.
+    of the probability of a no-return. Only differences mean something, in nats per beam.
 
     Args:
         scans: how many were scored.
@@ -87,14 +87,14 @@ def score_map(
     *,
     progress: Callable[[int], None] | None = None,
 ) -> LogScores:
-    """Score a map by readings, best of scans that it has not been made from.
+    """Score a map by readings, ideally scans that it was not made from.
 
     The reading of each beam is predicted from the map's marginals under the forward sensor model,
     cells that were never observed having the prior. Beams of one scan are scored one by one.
 
     Args:
         belief: a `FullMap`, a `LogOdds` view, or another map of probabilities.
-        log: the scans to predict; memory is bounded by some thousand of their beams.
+        log: the scans to predict; memory is bounded by a few thousand of their beams.
         sensor: of the log, with range_max.
         progress: called with the number of scans done so far.
 
@@ -178,10 +178,7 @@ class _Tally:
 
     def add(self, beams: Beams) -> None:
         if beams.ndim != self.belief.ndim:
-            places = {2: "the plane", 3: "space"}
-            raise InputError(
-                f"the scans are of {places[beams.ndim]}, the map is of {places[self.belief.ndim]}"
-            )
+            raise InputError(f"the scans are {beams.ndim}D, the map is {self.belief.ndim}D")
         side = self.belief.resolution
         # The last step that is predicted ends up to a step behind the reading, and noise may
         # bring the reading there from six sigma further off.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Reliability: of what was given 70 %, did 70 % happen?
+"""Reliability: of the events predicted with 70 %, did 70 % happen?
 
 Source: Niculescu-Mizil and Caruana, Predicting good probabilities with supervised learning (ICML
 2005), for the curve; Naeini, Cooper and Hauskrecht, Obtaining well calibrated probabilities using

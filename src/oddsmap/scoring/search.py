@@ -10,7 +10,7 @@ from dataclasses import dataclass
 __all__ = ["Peak", "climb"]
 
 # Steps towards a maximum that is far off, each as long as the ones before together.
-_MOST_STEPS = 12
+_MAX_STEPS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +43,8 @@ def climb(
         function: to be made large; it need not be smooth beyond a fraction of the first step.
         start: where to begin.
         step: about how far off the maximum may be.
-        low: least argument.
-        high: largest argument.
+        low: lowest argument.
+        high: highest argument.
     """
     known: dict[float, float] = {}
 
@@ -56,7 +56,7 @@ def climb(
     middle = min(max(start, low), high)
     left, right = max(middle - step, low), min(middle + step, high)
     value(middle)  # before the others: of equal values the first known is the best, one inside
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         if value(right) > value(middle) and right < high:
             left, middle, right = middle, right, min(right + 2.0 * (right - middle), high)
         elif value(left) > value(middle) and left > low:

@@ -15,7 +15,7 @@ from oddsmap.scoring.reliability import Reliability
 __all__ = ["Scores", "evaluate"]
 
 
-_LEAST = 1e-9
+_MIN_PROBABILITY = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +75,12 @@ def evaluate(
         raise InputError("evaluate: there is no cell to score")
     if not ((p >= 0.0) & (p <= 1.0)).all():
         raise InputError("evaluate: probabilities lie between 0 and 1 in every cell scored")
-    given = np.where(occupied, p, 1.0 - p)
+    of_truth = np.where(occupied, p, 1.0 - p)
     called = p > 0.5
     union = int(np.count_nonzero(called | occupied))
     return Scores(
         auc=_auc(p, occupied),
-        log_loss=float(-np.log(np.clip(given, _LEAST, 1.0 - _LEAST)).mean()),
+        log_loss=float(-np.log(np.clip(of_truth, _MIN_PROBABILITY, 1.0 - _MIN_PROBABILITY)).mean()),
         brier=float(((p - occupied) ** 2).mean()),
         ece=Reliability.of(p, occupied).ece,
         iou=int(np.count_nonzero(called & occupied)) / union if union else np.nan,
