@@ -214,10 +214,10 @@ def test_settings_of_the_full_map_are_not_the_filters(
 def test_a_pose_far_off_spoils_no_map(run: Run, sonar: Path, tmp_path: Path) -> None:
     """Mapped where it says it is, or skipped and counted where no precision is left there."""
     with np.load(sonar) as arrays:
-        beams, rest = arrays["beams"], {k: v for k, v in arrays.items() if k != "beams"}
+        beams, remainder = arrays["beams"], {k: v for k, v in arrays.items() if k != "beams"}
     for metres, skipped in ((1e9, {}), (1e13, {"scan.pose_too_far": 1})):
         log, out = tmp_path / f"{metres:g}.npz", tmp_path / f"{metres:g}.zarr"
-        np.savez(log, beams=np.concatenate([beams, [[metres, 0.0, 0.0, 1.0]]]), **rest)
+        np.savez(log, beams=np.concatenate([beams, [[metres, 0.0, 0.0, 1.0]]]), **remainder)
         facts = run("build", log, *FULL, "-o", out, "--json").json
         assert facts["skipped"] == skipped
         assert facts["beams"] == 720 + (not skipped)

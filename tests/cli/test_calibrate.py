@@ -56,8 +56,8 @@ def test_words(run: Run, sonar: Path, tmp_path: Path) -> None:
 def test_a_log_without_no_returns(run: Run, sonar: Path, tmp_path: Path) -> None:
     toml, bare = tmp_path / "sensor.toml", tmp_path / "bare.npz"
     with np.load(sonar) as arrays:
-        beams, rest = arrays["beams"], {k: v for k, v in arrays.items() if k != "beams"}
-    np.savez(bare, beams=beams[beams[:, 3] < 2.5], **rest)
+        beams, remainder = arrays["beams"], {k: v for k, v in arrays.items() if k != "beams"}
+    np.savez(bare, beams=beams[beams[:, 3] < 2.5], **remainder)
     words = ("calibrate", bare, "--resolution", CELL, "--noise-only", "-o", toml)
     note = "the log has no no-returns: p_dropout cannot be told from it; kept at 0.05"
     done = run(*words)

@@ -262,7 +262,7 @@ def test_min_count_and_nees_by_id() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"gate": 1.0}, "gate"),
         ({"gate": 0.99, "new_gate": 0.9}, "new_gate"),
@@ -271,8 +271,8 @@ def test_min_count_and_nees_by_id() -> None:
         ({"ndim": 4}, "dimensions"),
     ],
 )
-def test_options_out_of_range(options: dict[str, float], said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
+def test_options_out_of_range(options: dict[str, float], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         LandmarkMap(**options)  # type: ignore[arg-type]
 
 

@@ -100,10 +100,10 @@ def test_damaged_files(tmp_path: Path) -> None:
         path.write_text(json.dumps(content), encoding="utf-8")
         with pytest.raises(InputError) as caught:
             LandmarkMap.load(path)
-        said = str(caught.value)
-        assert said.startswith(f"{path}: ")
-        assert "\n" not in said
-        return said
+        message = str(caught.value)
+        assert message.startswith(f"{path}: ")
+        assert "\n" not in message
+        return message
 
     others: list[object] = [[], 3, None, {}, {"format": "else"}]
     for foreign in others:

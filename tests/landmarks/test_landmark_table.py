@@ -71,7 +71,7 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("lines", "said"),
+    ("lines", "message"),
     [
         (["x,y,theta,range", "0,0,0,1"], ":1: no landmarks in the columns x, y, theta, range"),
         (["x,y,bearing", "0,0,1"], ":1: no column `theta`"),
@@ -89,13 +89,13 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
         (["# nothing"], "no column `x`, found none"),
     ],
 )
-def test_bad_tables(tmp_path: Path, lines: list[str], said: str) -> None:
+def test_bad_tables(tmp_path: Path, lines: list[str], message: str) -> None:
     with pytest.raises(InputError) as caught:
         table(tmp_path, *lines)
-    message = str(caught.value)
-    assert message.startswith(str(tmp_path / "seen.csv"))
-    assert said in message
-    assert "\n" not in message
+    text = str(caught.value)
+    assert text.startswith(str(tmp_path / "seen.csv"))
+    assert message in text
+    assert "\n" not in text
 
 
 def test_noise_must_be_given(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_npz_gives_the_same(tmp_path: Path) -> None:
 def test_bad_npz(tmp_path: Path) -> None:
     path = tmp_path / "seen.npz"
     fine = {name: np.zeros(3) for name in ("x", "y", "theta", "bearing")}
-    for change, said in (
+    for change, message in (
         ({"x": np.zeros(2)}, "`x` holds float64 of shape (2,)"),
         ({"y": np.array(["a", "b", "c"])}, "`y` holds"),
         ({"id": np.array([0.0, 0.5, 1.0])}, "row 1: the id 0.5"),
@@ -135,7 +135,7 @@ def test_bad_npz(tmp_path: Path) -> None:
         with pytest.raises(InputError) as caught:
             read_observations(path)
         assert str(caught.value).startswith(str(path))
-        assert said in str(caught.value)
+        assert message in str(caught.value)
     np.savez(path, x=np.zeros(3))
     with pytest.raises(InputError, match="no column `y`"):
         read_observations(path)

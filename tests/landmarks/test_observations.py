@@ -48,7 +48,7 @@ def test_rows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "arguments", "error", "said"),
+    ("kind", "arguments", "error", "message"),
     [
         ("bearing", {"sigma_bearing": 0.0}, ConfigError, "sigma_bearing must be positive"),
         ("bearing", {"sigma_bearing": math.nan}, ConfigError, "sigma_bearing must be positive"),
@@ -73,9 +73,9 @@ def test_rows() -> None:
     ],
 )
 def test_refused(
-    kind: str, arguments: dict[str, object], error: type[OddsmapError], said: str
+    kind: str, arguments: dict[str, object], error: type[OddsmapError], message: str
 ) -> None:
     fine: dict[str, object] = {"map_from_sensor": POSE}
     fine |= {"bearings": [0.0]} if kind == "bearing" else {"points": [[0.0, 0.0]]}
-    with pytest.raises(error, match=said):
+    with pytest.raises(error, match=message):
         getattr(Observations, kind)(**fine | arguments)

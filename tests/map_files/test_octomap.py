@@ -119,9 +119,9 @@ def test_damage_is_one_line(leaves: Leaves, where: int, byte: int, binary: bool)
     for damaged in (content[: where % len(content)], content[:]):
         if len(damaged) == len(content):
             damaged[where % len(damaged)] = byte
-        said = complaint(bytes(damaged))
-        assert "\n" not in said
-        assert said or len(damaged) == len(content), "a file that is cut off was read"
+        message = complaint(bytes(damaged))
+        assert "\n" not in message
+        assert message or len(damaged) == len(content), "a file that is cut off was read"
 
 
 def complaint(content: bytes) -> str:
@@ -205,13 +205,13 @@ def test_clamp_and_digits(tmp_path: Path) -> None:
 def test_bounds_name_the_crop(tmp_path: Path) -> None:
     edge = VoxelMap(np.array([[-32768] * 3, [32767] * 3]), np.array([1.0, -1.0]), 0.05)
     assert leaves_of(read(written(edge, ".ot"))) == leaves_of(edge)
-    for index, said in (
+    for index, message in (
         ([32768, 0, 0], r"crop to x < 1638\.4 m \(index below 32768, got 32768\)$"),
         ([0, -32769, 0], r"crop to y >= -1638\.4 m \(index -32768, got -32769\)$"),
         ([40000, 0, -40000], r"crop to x < .* and z >= "),
     ):
         wide = VoxelMap(np.array([index, [0, 0, 0]]), np.array([1.0, 1.0]), 0.05)
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             wide.save_octomap(tmp_path / "wide.ot")
     assert list(tmp_path.iterdir()) == []
 
@@ -221,7 +221,7 @@ def good(suffix: str) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", "not an OctoMap"),
         (b"# Octomap OcTree file\nid OcTree\nsize 3\n", 'no line "data"'),
@@ -241,8 +241,8 @@ def good(suffix: str) -> bytes:
         (good(".ot")[:-5] + np.float32(np.nan).tobytes() + b"\0", "not finite"),
     ],
 )
-def test_bad_files(content: bytes, said: str) -> None:
-    with pytest.raises(InputError, match=said) as error:
+def test_bad_files(content: bytes, message: str) -> None:
+    with pytest.raises(InputError, match=message) as error:
         read(content)
     assert "\n" not in str(error.value)
 

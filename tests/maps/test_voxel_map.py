@@ -67,7 +67,7 @@ def test_too_many_cells_to_list() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"index": np.zeros((2, 2), np.int64)}, r"shape \(n, 3\)"),
         ({"log_odds": np.zeros(3)}, "2 leaves need"),
@@ -79,14 +79,14 @@ def test_too_many_cells_to_list() -> None:
         ({"index": np.array([[0, 0, 0], [1, 1, 1]]), "level": np.array([1, 0])}, "overlap"),
     ],
 )
-def test_senseless_arguments(change: dict[str, Any], said: str) -> None:
+def test_senseless_arguments(change: dict[str, Any], message: str) -> None:
     fine: dict[str, Any] = {
         "index": np.array([[0, 0, 0], [1, 1, 1]]),
         "log_odds": np.zeros(2),
         "resolution": 0.1,
     }
     VoxelMap(**fine)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         VoxelMap(**{**fine, **change})
 
 

@@ -201,7 +201,7 @@ def test_space_has_no_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         ({"a": 0.0}, "prior's a is a weight"),
         ({"b": math.inf}, "prior's b is a weight"),
@@ -211,8 +211,8 @@ def test_space_has_no_picture(tmp_path: Path) -> None:
         ({"kind": "hdi"}, "equal-tailed or highest-density"),
     ],
 )
-def test_bad_values(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(ConfigError, match=said):
+def test_bad_values(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
         seen(1, 1, **options)
     with pytest.raises(ConfigError, match="threshold lies between"):
         seen(1, 1).p_above(threshold=-0.1)

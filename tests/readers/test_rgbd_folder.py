@@ -40,8 +40,8 @@ def tum(folder: Path) -> None:
     (folder / "groundtruth.txt").write_text(rows)
 
 
-def open_depth(folder: Path, **given: object) -> DepthLog:
-    log = open_log(folder, **given)  # type: ignore[arg-type]
+def open_depth(folder: Path, **options: object) -> DepthLog:
+    log = open_log(folder, **options)  # type: ignore[arg-type]
     assert isinstance(log, DepthLog)
     return log
 

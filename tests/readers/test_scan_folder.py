@@ -35,9 +35,9 @@ def fill(folder: Path, names: list[str]) -> None:
         (folder / name).write_bytes(content)
 
 
-def first_coordinates(folder: Path, **given: object) -> list[tuple[float, float]]:
+def first_coordinates(folder: Path, **options: object) -> list[tuple[float, float]]:
     """(x of the pose, range) of each scan."""
-    log = open_log(folder, **given)  # type: ignore[arg-type]
+    log = open_log(folder, **options)  # type: ignore[arg-type]
     return [(float(s.map_from_sensor.translation[0]), float(s.ranges[0])) for s in log]
 
 

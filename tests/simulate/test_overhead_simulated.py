@@ -45,12 +45,12 @@ def test_rates_are_those_of_the_confusion_model() -> None:
     )
     scan = camera.scan(PLAN, Pose2(1.0, 0.0, 0.0), np.random.default_rng(1))
     free, occupied = scan.seen[:, :100], scan.seen[:, 100:]
-    for said, rate in ((occupied, 0.8), (free, 0.3)):
-        seen = ~np.isnan(said)
+    for reading, rate in ((occupied, 0.8), (free, 0.3)):
+        seen = ~np.isnan(reading)
         n = 20_000
         assert abs(seen.mean() - 0.9) < 5 * math.sqrt(0.09 / n)
-        assert abs(said[seen].mean() - rate) < 5 * math.sqrt(rate * (1 - rate) / (0.9 * n))
-        assert set(np.unique(said[seen])) == {0.0, 1.0}
+        assert abs(reading[seen].mean() - rate) < 5 * math.sqrt(rate * (1 - rate) / (0.9 * n))
+        assert set(np.unique(reading[seen])) == {0.0, 1.0}
 
 
 def test_seeded_and_a_pixel_keeps_its_luck() -> None:

@@ -36,13 +36,13 @@ def doubt_of_sensor(log: Log, sensor: Sensor, layers: SettingLayers) -> str | No
     """What to say where a log's beams are not as wide as they are predicted, and nobody asked."""
     from oddsmap.sensors.registry import stated_of_sensor
 
-    asked, stated = layers.fields("sensor"), stated_of_sensor(log)
+    requested, stated = layers.fields("sensor"), stated_of_sensor(log)
     theirs, ours = stated.get("cone_deg", 0.0), getattr(sensor, "cone_deg", 0.0)
     if stated["kind"] == sensor.kind:
         narrow, wide = sorted((theirs, ours))
-        if "cone_deg" in asked or wide <= _ANOTHER_WIDTH * narrow:
+        if "cone_deg" in requested or wide <= _ANOTHER_WIDTH * narrow:
             return None
-    elif "kind" in asked:
+    elif "kind" in requested:
         return None
     words = [
         f"{width:g} degrees wide (sensor.kind {kind})" if width else f"narrow (sensor.kind {kind})"

@@ -44,10 +44,10 @@ def progress_of_logs(
 
 
 @contextmanager
-def progress_of_sweeps(most: int, *, quiet: bool) -> Iterator[Callable[[int, float], None]]:
+def progress_of_sweeps(max_sweeps: int, *, quiet: bool) -> Iterator[Callable[[int, float], None]]:
     """A bar on stderr; gives the callback for a sweep's number and residual."""
     with _bar(quiet=quiet) as bar:
-        task = bar.add_task(_GETTING_READY, total=most)
+        task = bar.add_task(_GETTING_READY, total=max_sweeps)
         yield lambda sweep, residual: bar.update(
             task, description=f"sweeping, messages still move by {residual:.2g}", completed=sweep
         )

@@ -117,10 +117,10 @@ class SettingLayers:
             of_full_map = list(values.get("full_map", {}))
             if estimator == "filter" and of_full_map:
                 name = of_full_map[0]
-                rest = "set posterior.prior for the filter" if name == "prior" else "leave it out"
+                remedy = "set posterior.prior for the filter" if name == "prior" else "leave it out"
                 raise ConfigError(
                     f"{where}: full_map.{name} belongs to --estimator full-map, the filter would "
-                    f"not look at it: {rest}, or add --estimator full-map"
+                    f"not look at it: {remedy}, or add --estimator full-map"
                 )
             if estimator == "full-map" and "prior" in values.get("posterior", {}):
                 raise ConfigError(

@@ -72,9 +72,9 @@ def say(facts: dict[str, Any]) -> None:
     )
     if "sweeps" in facts:
         moving, unit, more = _MOVING[facts["method"]]
-        rest = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
+        state = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
         residual = f"{facts['residual']:.2g}{unit}"
-        line(f"sweeps   {facts['sweeps']}, {moving} {rest} (residual {residual})")
+        line(f"sweeps   {facts['sweeps']}, {moving} {state} (residual {residual})")
     output = facts["output"]
     line(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
     stem = Path(output).with_suffix("")

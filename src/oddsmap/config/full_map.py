@@ -14,7 +14,7 @@ METHODS = ("sum-product", "gibbs", "map")
 SCHEDULES = ("chunks", "sequential", "parallel")
 
 # As for a beam's message: all that 31 bits hold, with room to spare. No neighbour is so sure.
-_MOST_COUPLING = 64.0
+_MAX_COUPLING = 64.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,18 +62,18 @@ class FullMapConfig:
     def __post_init__(self) -> None:
         if self.prior is not None and not 0.0 < self.prior < 1.0:
             raise ConfigError(f"full_map.prior lies between 0 and 1, got {self.prior}")
-        if self.coupling is not None and not 0.0 <= self.coupling <= _MOST_COUPLING:
+        if self.coupling is not None and not 0.0 <= self.coupling <= _MAX_COUPLING:
             raise ConfigError(
-                f"full_map.coupling lies between 0 and {_MOST_COUPLING:g}, got {self.coupling}"
+                f"full_map.coupling lies between 0 and {_MAX_COUPLING:g}, got {self.coupling}"
             )
         if not 0.0 <= self.tolerance < math.inf:
             raise ConfigError(f"full_map.tolerance is 0 nats or more, got {self.tolerance}")
-        for name, least in (
+        for name, minimum in (
             ("sweeps", 1), ("chunk", 1), ("seed", 0), ("samples", 1), ("burn_in", 0)
         ):  # fmt: skip
             value = getattr(self, name)
-            if value < least:
-                raise ConfigError(f"full_map.{name} is at least {least}, got {value}")
+            if value < minimum:
+                raise ConfigError(f"full_map.{name} is at least {minimum}, got {value}")
         for name, known in (("method", METHODS), ("schedule", SCHEDULES)):
             value = getattr(self, name)
             if value not in known:

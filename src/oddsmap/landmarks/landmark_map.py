@@ -116,12 +116,12 @@ class LandmarkMap:
     @property
     def landmarks(self) -> tuple[Landmark, ...]:
         """The landmarks to report, by id: located, and observed at least `min_count` times."""
-        return tuple(mark for mark in self._located() if mark.count >= self._least())
+        return tuple(mark for mark in self._located() if mark.count >= self._needed_count())
 
     @property
     def tentative(self) -> int:
         """How many landmarks are located but were observed less than `min_count` times."""
-        return sum(mark.count < self._least() for mark in self._located())
+        return sum(mark.count < self._needed_count() for mark in self._located())
 
     @property
     def unlocated(self) -> int:
@@ -222,7 +222,7 @@ class LandmarkMap:
             landmarks.tracks[int(row["id"])] = track
         return landmarks
 
-    def _least(self) -> int:
+    def _needed_count(self) -> int:
         return _MIN_COUNT[bool(self.known_ids)] if self.min_count is None else self.min_count
 
     def _located(self) -> list[Landmark]:
@@ -266,7 +266,9 @@ class LandmarkMap:
             covariances = np.array([mark.covariance for mark in located])
             distance = squared_mahalanobis(observations, means, covariances)
         names = np.array([mark.id for mark in located], dtype=np.int64)
-        seen_enough = np.array([mark.count >= self._least() for mark in located], dtype=np.bool_)
+        seen_enough = np.array(
+            [mark.count >= self._needed_count() for mark in located], dtype=np.bool_
+        )
         ids = np.full(len(observations), -1, dtype=np.int64)
         alone = np.ones(len(located), dtype=np.bool_)
         # Tentative landmarks get what is left: a false reading beside a landmark would otherwise
@@ -276,13 +278,13 @@ class LandmarkMap:
             pairs = mutual_nearest(distance[np.ix_(rows, columns)], near)
             ids[rows[pairs >= 0]] = names[columns[pairs[pairs >= 0]]]
             alone[columns[pairs[pairs >= 0]]] = False
-        rest = ids < 0
+        unmatched = ids < 0
         if observations.kind == "bearing":
-            self._skip("observation.unmatched_bearing", int(rest.sum()))
+            self._skip("observation.unmatched_bearing", int(unmatched.sum()))
             return ids
-        between = rest & (distance[:, alone] <= far).any(axis=1)
+        between = unmatched & (distance[:, alone] <= far).any(axis=1)
         self._skip("observation.ambiguous", int(between.sum()))
-        new = rest & ~between
+        new = unmatched & ~between
         ids[new] = max(self.tracks, default=-1) + 1 + np.arange(int(new.sum()))
         return ids
 

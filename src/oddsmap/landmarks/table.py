@@ -85,7 +85,7 @@ class ObservationTable:
         Raises:
             ConfigError: one that the kind of the table needs is missing or not positive.
         """
-        given = {"sigma_range": sigma_range, "sigma_bearing": sigma_bearing, "sigma_xy": sigma_xy}
+        sigma_by_name = {"sigma_range": sigma_range, "sigma_bearing": sigma_bearing, "sigma_xy": sigma_xy}
         needs = {
             "range-bearing": ("sigma_range", "sigma_bearing"),
             "bearing": ("sigma_bearing",),
@@ -93,7 +93,7 @@ class ObservationTable:
         }[self.kind]
         sigmas = []
         for name in needs:
-            sigma = given[name]
+            sigma = sigma_by_name[name]
             if sigma is None or not 0.0 < sigma < math.inf:
                 raise ConfigError(f"{self.kind} observations need a positive {name}, got {sigma}")
             sigmas.append(sigma)

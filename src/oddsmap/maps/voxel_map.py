@@ -60,23 +60,23 @@ class VoxelMap:
         )
         index = np.asarray(index, np.int64)
         log_odds = np.asarray(self.log_odds, np.float64)
-        given = np.asarray(self.level)
-        if given.shape == (0,) and given.dtype == np.uint8:
-            given = np.zeros(len(index), np.uint8)
+        levels = np.asarray(self.level)
+        if levels.shape == (0,) and levels.dtype == np.uint8:
+            levels = np.zeros(len(index), np.uint8)
         if index.ndim != 2 or index.shape[1:] != (3,):
             raise InputError(f"a map of space needs index of shape (n, 3), got {index.shape}")
-        if not log_odds.shape == given.shape == (len(index),):
+        if not log_odds.shape == levels.shape == (len(index),):
             raise InputError(
                 f"{len(index)} leaves need log odds and levels of shape ({len(index)},), "
-                f"got {log_odds.shape} and {given.shape}"
+                f"got {log_odds.shape} and {levels.shape}"
             )
         if not 0.0 < self.resolution < float("inf"):
             raise InputError(f"a map needs a positive resolution [m], got {self.resolution}")
         if not np.isfinite(log_odds).all():
             raise InputError(f"{np.count_nonzero(~np.isfinite(log_odds))} log odds are not finite")
-        if len(given) and not 0 <= given.min() <= given.max() <= _MAX_LEVEL:
-            raise InputError(f"levels of leaves are 0 to {_MAX_LEVEL}, got up to {given.max()}")
-        level = given.astype(np.uint8)
+        if len(levels) and not 0 <= levels.min() <= levels.max() <= _MAX_LEVEL:
+            raise InputError(f"levels of leaves are 0 to {_MAX_LEVEL}, got up to {levels.max()}")
+        level = levels.astype(np.uint8)
         side = np.int64(1) << level.astype(np.int64)
         if (index & (side - 1)[:, None]).any():
             raise InputError("a leaf of 2^k cells a side must start at a multiple of 2^k")

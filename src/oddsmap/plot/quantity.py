@@ -89,10 +89,10 @@ def block_largest(value: npt.NDArray[np.float64], block: int) -> npt.NDArray[np.
         Shape (ceil(ny / block), ceil(nx / block)).
     """
     ny, nx = value.shape
-    least = np.where(np.isnan(value), -np.inf, value)  # loses against any other
-    least = np.pad(least, ((0, -ny % block), (0, -nx % block)), constant_values=-np.inf)
-    rows, columns = least.shape[0] // block, least.shape[1] // block
-    largest = least.reshape(rows, block, columns, block).max(axis=(1, 3))
+    padded = np.where(np.isnan(value), -np.inf, value)  # loses against any other
+    padded = np.pad(padded, ((0, -ny % block), (0, -nx % block)), constant_values=-np.inf)
+    rows, columns = padded.shape[0] // block, padded.shape[1] // block
+    largest = padded.reshape(rows, block, columns, block).max(axis=(1, 3))
     return np.where(np.isneginf(largest), np.nan, largest)
 
 
@@ -168,8 +168,8 @@ def _draw_bar(
 ) -> None:
     from matplotlib.cm import ScalarMappable
 
-    beside = (box[0] + box[2] + 0.15 / inches, box[1], _BAR / inches, box[3])
-    bar = figure.colorbar(ScalarMappable(scale, _COLOURS), cax=figure.add_axes(beside))
+    bar_box = (box[0] + box[2] + 0.15 / inches, box[1], _BAR / inches, box[3])
+    bar = figure.colorbar(ScalarMappable(scale, _COLOURS), cax=figure.add_axes(bar_box))
     bar.outline.set_edgecolor(_INK)
     bar.outline.set_linewidth(0.6)
     bar.ax.tick_params(colors=_INK, width=0.6, length=3.5, labelsize=9)

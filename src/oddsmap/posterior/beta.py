@@ -85,12 +85,12 @@ def _lower_mass(alpha: FloatArray, beta: FloatArray, level: float) -> FloatArray
     # Mirrored so that the mass lies towards 0, where numbers are finest.
     swap = alpha > beta
     a, b = np.where(swap, beta, alpha), np.where(swap, alpha, beta)
-    rest = 1.0 - level
-    low, high = np.zeros(a.shape), np.full(a.shape, rest)
+    remainder = 1.0 - level
+    low, high = np.zeros(a.shape), np.full(a.shape, remainder)
     t = 0.5 * (low + high)
     active = np.arange(len(a))
     for _ in range(_MAX_STEPS):
-        gap, slope = _density_gap(a[active], b[active], t[active], rest)
+        gap, slope = _density_gap(a[active], b[active], t[active], remainder)
         below = gap < 0.0
         low[active] = np.where(below, t[active], low[active])
         high[active] = np.where(below, high[active], t[active])
@@ -101,20 +101,20 @@ def _lower_mass(alpha: FloatArray, beta: FloatArray, level: float) -> FloatArray
         moved = np.where(inside, step, middle)
         change = np.abs(moved - t[active])
         t[active] = moved
-        active = active[change > 1e-12 * rest]
+        active = active[change > 1e-12 * remainder]
         if len(active) == 0:
             break
-    mass: FloatArray = np.where(swap, rest - t, t)
+    mass: FloatArray = np.where(swap, remainder - t, t)
     return mass
 
 
 def _density_gap(
-    a: FloatArray, b: FloatArray, t: FloatArray, rest: float
+    a: FloatArray, b: FloatArray, t: FloatArray, remainder: float
 ) -> tuple[FloatArray, FloatArray]:
     """Give log density(lower) - log density(upper) at lower mass t, and its slope in t."""
     from scipy.special import betaincinv, betaln, xlog1py, xlogy
 
-    lower, upper = betaincinv(a, b, t), 1.0 - betaincinv(b, a, rest - t)
+    lower, upper = betaincinv(a, b, t), 1.0 - betaincinv(b, a, remainder - t)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         log_lower = xlogy(a - 1.0, lower) + xlog1py(b - 1.0, -lower)
         log_upper = xlogy(a - 1.0, upper) + xlog1py(b - 1.0, -upper)

@@ -25,7 +25,7 @@ import numpy as np
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.readers.compression import TRUNCATED, Source
-from oddsmap.readers.options import Given
+from oddsmap.readers.options import ReadOptions
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -51,19 +51,19 @@ class _Node:
     point_count: int
 
 
-def open_octomap_graph(source: Source, given: Given) -> LazyLog:
+def open_octomap_graph(source: Source, options: ReadOptions) -> LazyLog:
     """Open a scan graph; its clouds are decoded one by one.
 
     Raises:
         InputError: the file is truncated or corrupt (with `skip_bad`, the nodes before the damage
             are used), or has no scans.
     """
-    given.refuse(source.path, "an OctoMap scan graph", "poses", "times", "camera")
+    options.refuse(source.path, "an OctoMap scan graph", "poses", "times", "camera")
     skipped, notes = source.initial_skipped(), source.initial_notes()
     (promised,) = struct.unpack_from("<I", source.content)
     nodes, end = _find_nodes(source.content, promised)
     if len(nodes) < promised:
-        if not given.skip_bad or not nodes:
+        if not options.skip_bad or not nodes:
             raise InputError(
                 f"{source.path}: the header promises {promised} scans, the file holds "
                 f"{len(nodes)} whole ones: copy the file again"
@@ -84,14 +84,14 @@ def open_octomap_graph(source: Source, given: Given) -> LazyLog:
         )
 
     def read_scan(i: int) -> Scan:
-        return _read_node(source, i, nodes[i], given)
+        return _read_node(source, i, nodes[i], options)
 
     return LazyLog(
         path=source.path,
         format="OctoMap scan graph",
         scan_count=len(nodes),
         read_scan=read_scan,
-        skip_bad=given.skip_bad,
+        skip_bad=options.skip_bad,
         opening_notes=tuple(notes),
         opening_skipped=skipped,
     )
@@ -111,7 +111,7 @@ def _find_nodes(content: bytes, promised: int) -> tuple[list[_Node], int]:
     return nodes, position
 
 
-def _read_node(source: Source, i: int, node: _Node, given: Given) -> Scan:
+def _read_node(source: Source, i: int, node: _Node, options: ReadOptions) -> Scan:
     where = f"{source.path}: scan {i + 1}"
     points = np.frombuffer(source.content, _POINT, node.point_count, node.start)
     end = _NODE_END.unpack_from(source.content, node.start + points.nbytes)
@@ -124,4 +124,4 @@ def _read_node(source: Source, i: int, node: _Node, given: Given) -> Scan:
         map_from_body = Pose3.from_quaternion_xyzw((x, y, z), (qx, qy, qz, qw))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-    return Scan.from_points(given.sensor_pose(map_from_body), points["xyz"])
+    return Scan.from_points(options.sensor_pose(map_from_body), points["xyz"])

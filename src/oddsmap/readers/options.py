@@ -12,13 +12,13 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.scans.depth_image import PinholeCamera
 
-__all__ = ["FilePath", "Given"]
+__all__ = ["FilePath", "ReadOptions"]
 
 FilePath = str | os.PathLike[str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Given:
+class ReadOptions:
     """Arguments of `open_log`, described there."""
 
     poses: FilePath | Trajectory | None = None

@@ -162,21 +162,21 @@ def _find_axis(
 
 
 def _point_count(path: str, entries: dict[str, list[str]]) -> int:
-    given = {
+    counts = {
         name: _integers(path, name, entries[name], 1)[0]
         for name in ("WIDTH", "HEIGHT", "POINTS")
         if name in entries
     }
-    if "WIDTH" not in given and "POINTS" not in given:
+    if "WIDTH" not in counts and "POINTS" not in counts:
         raise InputError(
             f"{path}: the PCD header has neither WIDTH nor POINTS: check what wrote it"
         )
-    if "WIDTH" not in given:
-        return given["POINTS"]
-    size = given["WIDTH"] * given.get("HEIGHT", 1)
-    if given.get("POINTS", size) != size:
+    if "WIDTH" not in counts:
+        return counts["POINTS"]
+    size = counts["WIDTH"] * counts.get("HEIGHT", 1)
+    if counts.get("POINTS", size) != size:
         raise InputError(
-            f"{path}: POINTS {given['POINTS']}, but WIDTH x HEIGHT is {size}: check what wrote it"
+            f"{path}: POINTS {counts['POINTS']}, but WIDTH x HEIGHT is {size}: check what wrote it"
         )
     return size
 

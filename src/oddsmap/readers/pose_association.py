@@ -20,7 +20,7 @@ import numpy.typing as npt
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
-from oddsmap.readers.options import FilePath, Given
+from oddsmap.readers.options import FilePath, ReadOptions
 from oddsmap.readers.pose_file import read_times, read_trajectory
 from oddsmap.scans.note import Note
 
@@ -63,7 +63,7 @@ def match_poses(
     names: Sequence[str],
     poses: FilePath | Trajectory,
     times: FilePath | None,
-    given: Given,
+    options: ReadOptions,
     *,
     stamps_ns: StampArray | None = None,
 ) -> PoseMatch:
@@ -74,7 +74,7 @@ def match_poses(
         names: file name of each scan.
         poses: the poses, or their file.
         times: a file with the stamp of each scan, or of each pose.
-        given: extrinsics and tolerance.
+        options: extrinsics and tolerance.
         stamps_ns: stamp of each scan [ns] where the log itself has them, shape (n,).
 
     Raises:
@@ -98,7 +98,7 @@ def match_poses(
     if trajectory.stamps_ns is not None and stamps is not None:
         by_stamp, scan_stamps = trajectory, stamps
         return PoseMatch(
-            lambda i: given.sensor_pose(by_stamp.at(int(scan_stamps[i]), given.tolerance_ns)),
+            lambda i: options.sensor_pose(by_stamp.at(int(scan_stamps[i]), options.tolerance_ns)),
             stamps,
         )
     if len(trajectory) != n:
@@ -120,7 +120,7 @@ def match_poses(
         )
     by_order = trajectory
     return PoseMatch(
-        lambda i: given.sensor_pose(by_order[i]),
+        lambda i: options.sensor_pose(by_order[i]),
         trajectory.stamps_ns if stamps is None else stamps,
         tuple(notes),
     )

@@ -26,7 +26,7 @@ from oddsmap.readers import (
 )
 from oddsmap.readers.compression import Source, open_source
 from oddsmap.readers.npz_arrays import array_names
-from oddsmap.readers.options import FilePath, Given
+from oddsmap.readers.options import FilePath, ReadOptions
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.log import Log
 
@@ -46,24 +46,26 @@ class Reader:
 
     name: str
     matches: Callable[[bytes], bool]
-    open: Callable[[Source, Given], Log]
+    open: Callable[[Source, ReadOptions], Log]
 
 
-def _alone(name: str, open_source_alone: Callable[[Source], Log]) -> Callable[[Source, Given], Log]:
+def _alone(
+    name: str, open_source_alone: Callable[[Source], Log]
+) -> Callable[[Source, ReadOptions], Log]:
     """A reader of logs of the plane, which say everything themselves."""
 
-    def open_alone(source: Source, given: Given) -> Log:
-        given.refuse(source.path, name, "poses", "times", "body_from_sensor", "camera")
+    def open_alone(source: Source, options: ReadOptions) -> Log:
+        options.refuse(source.path, name, "poses", "times", "body_from_sensor", "camera")
         return open_source_alone(source)
 
     return open_alone
 
 
-def _open_npz(source: Source, given: Given) -> Log:
+def _open_npz(source: Source, options: ReadOptions) -> Log:
     names = array_names(source.content)
     if "grids" in names and "beams" not in names:
-        return _alone("an NPZ grid log", npz_grids.open_npz_grids)(source, given)
-    return _alone("an NPZ beam log", npz_beams.open_npz_beams)(source, given)
+        return _alone("an NPZ grid log", npz_grids.open_npz_grids)(source, options)
+    return _alone("an NPZ beam log", npz_beams.open_npz_beams)(source, options)
 
 
 # Asked in this order: formats with magic bytes first, texts after them.
@@ -112,7 +114,7 @@ def open_log(
         InputError: the file cannot be read, is of no known format, or holds no usable scan; poses
             are missing, or do not fit the scans; or an argument says what the log says itself.
     """
-    given = Given(
+    options = ReadOptions(
         poses=poses,
         times=times,
         body_from_sensor=body_from_sensor,
@@ -121,11 +123,11 @@ def open_log(
         tolerance_s=tolerance_s,
     )
     if Path(path).is_dir():
-        return _open_folder(os.fspath(path), given)
+        return _open_folder(os.fspath(path), options)
     source = open_source(path, skip_bad=skip_bad)
     for reader in READERS:
         if reader.matches(source.head):
-            return reader.open(source, given)
+            return reader.open(source, options)
     *names, last = (reader.name for reader in READERS)
     raise InputError(
         f"{source.path}: unknown file type (it starts with {source.content[:16]!r}): "
@@ -134,16 +136,16 @@ def open_log(
     )
 
 
-def _open_folder(name: str, given: Given) -> Log:
+def _open_folder(name: str, options: ReadOptions) -> Log:
     folder = Path(name)
     try:
         kinds: list[tuple[str, Callable[[], Log]]] = []
         if rgbd_folder.is_seven_scenes(folder):
-            kinds.append(("*.depth.png", lambda: rgbd_folder.open_seven_scenes(name, given)))
+            kinds.append(("*.depth.png", lambda: rgbd_folder.open_seven_scenes(name, options)))
         if rgbd_folder.is_tum_rgbd(folder):
-            kinds.append(("depth.txt", lambda: rgbd_folder.open_tum_rgbd(name, given)))
+            kinds.append(("depth.txt", lambda: rgbd_folder.open_tum_rgbd(name, options)))
         for suffix, files in scan_folder.find_clouds(folder).items():
-            kinds.append((f"*{suffix}", _folder_opener(name, suffix, files, given)))
+            kinds.append((f"*{suffix}", _folder_opener(name, suffix, files, options)))
         entries = sorted(path.name for path in folder.iterdir())
     except OSError as error:
         raise InputError(f"{name}: the folder cannot be read ({error.strerror})") from None
@@ -159,5 +161,7 @@ def _open_folder(name: str, given: Given) -> Log:
     return kinds[0][1]()
 
 
-def _folder_opener(name: str, suffix: str, files: list[Path], given: Given) -> Callable[[], Log]:
-    return lambda: scan_folder.open_scan_folder(name, suffix, files, given)
+def _folder_opener(
+    name: str, suffix: str, files: list[Path], options: ReadOptions
+) -> Callable[[], Log]:
+    return lambda: scan_folder.open_scan_folder(name, suffix, files, options)

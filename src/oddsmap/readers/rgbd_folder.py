@@ -31,7 +31,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.readers.compression import open_source
-from oddsmap.readers.options import Given
+from oddsmap.readers.options import ReadOptions
 from oddsmap.readers.pose_association import match_poses, natural_key
 from oddsmap.readers.pose_file import read_pose_matrix
 from oddsmap.readers.text_table import parse_numbers, parse_stamp_ns, read_rows
@@ -70,7 +70,7 @@ def is_tum_rgbd(folder: Path) -> bool:
     return any((folder / name).is_file() for name in _LISTS)
 
 
-def open_seven_scenes(name: str, given: Given) -> DepthLog:
+def open_seven_scenes(name: str, options: ReadOptions) -> DepthLog:
     """Open a folder in the 7-Scenes layout.
 
     Raises:
@@ -81,14 +81,14 @@ def open_seven_scenes(name: str, given: Given) -> DepthLog:
         (path for path in folder.iterdir() if path.name.endswith(_IMAGE_END)),
         key=lambda path: natural_key(path.name),
     )
-    if given.poses is not None:
+    if options.poses is not None:
         names = [image.name for image in images]
-        match = match_poses(name, names, given.poses, given.times, given)
-        return _open(name, _SEVEN_SCENES, images, match.map_from_sensor, match.stamp_ns, given)
-    given.refuse(name, "a 7-Scenes folder", "times")
+        match = match_poses(name, names, options.poses, options.times, options)
+        return _open(name, _SEVEN_SCENES, images, match.map_from_sensor, match.stamp_ns, options)
+    options.refuse(name, "a 7-Scenes folder", "times")
     files = [image.with_name(image.name.removesuffix(_IMAGE_END) + _POSE_END) for image in images]
     missing = [image for image, file in zip(images, files, strict=True) if not file.is_file()]
-    if missing and not given.skip_bad:
+    if missing and not options.skip_bad:
         raise InputError(
             f"{name}: {len(images)} depth images and {len(images) - len(missing)} pose files for "
             f"them; {missing[0].name} is the first without: copy the poses (*{_POSE_END}) too, or "
@@ -98,21 +98,21 @@ def open_seven_scenes(name: str, given: Given) -> DepthLog:
     def pose(i: int) -> Pose3:
         if not files[i].is_file():
             raise NoPoseError(f"{images[i]}: no pose: {files[i].name} is missing")
-        return given.sensor_pose(read_pose_matrix(files[i]))
+        return options.sensor_pose(read_pose_matrix(files[i]))
 
-    return _open(name, _SEVEN_SCENES, images, pose, lambda i: None, given)
+    return _open(name, _SEVEN_SCENES, images, pose, lambda i: None, options)
 
 
-def open_tum_rgbd(name: str, given: Given) -> DepthLog:
+def open_tum_rgbd(name: str, options: ReadOptions) -> DepthLog:
     """Open a folder in the TUM RGB-D layout.
 
     Raises:
         InputError: no poses, a list that cannot be read, or intrinsics that cannot be used.
     """
     folder = Path(name)
-    given.refuse(name, "a TUM RGB-D folder", "times")
+    options.refuse(name, "a TUM RGB-D folder", "times")
     images, stamps = _read_list(folder)
-    poses = given.poses
+    poses = options.poses
     if poses is None:
         poses = folder / "groundtruth.txt"
         if not poses.is_file():
@@ -121,8 +121,8 @@ def open_tum_rgbd(name: str, given: Given) -> DepthLog:
                 "read): name the poses with --poses (poses=)"
             )
     names = [image.name for image in images]
-    match = match_poses(name, names, poses, None, given, stamps_ns=stamps)
-    return _open(name, _TUM, images, match.map_from_sensor, match.stamp_ns, given)
+    match = match_poses(name, names, poses, None, options, stamps_ns=stamps)
+    return _open(name, _TUM, images, match.map_from_sensor, match.stamp_ns, options)
 
 
 def _read_list(folder: Path) -> tuple[list[Path], npt.NDArray[np.int64]]:
@@ -157,10 +157,10 @@ def _open(
     images: list[Path],
     pose: Callable[[int], Pose3],
     stamp_ns: Callable[[int], int | None],
-    given: Given,
+    options: ReadOptions,
 ) -> DepthLog:
     notes: list[Note] = []
-    camera = given.camera or _find_camera(name, layout, images, notes)
+    camera = options.camera or _find_camera(name, layout, images, notes)
 
     def read_image(i: int) -> DepthScan:
         map_from_sensor = pose(i)
@@ -173,7 +173,7 @@ def _open(
         scan_count=len(images),
         read_scan=read_image,
         camera=camera,
-        skip_bad=given.skip_bad,
+        skip_bad=options.skip_bad,
         opening_notes=tuple(notes),
     )
 

@@ -18,7 +18,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.readers.compression import HEAD_SIZE, Source, open_source
 from oddsmap.readers.kitti_bin import read_kitti_bin
-from oddsmap.readers.options import Given
+from oddsmap.readers.options import ReadOptions
 from oddsmap.readers.pcd import read_pcd, read_viewpoint, viewpoint_pose
 from oddsmap.readers.ply import read_ply
 from oddsmap.readers.point_cloud import Cloud
@@ -68,29 +68,29 @@ def find_clouds(folder: Path) -> dict[str, list[Path]]:
     return found
 
 
-def open_scan_folder(name: str, suffix: str, files: list[Path], given: Given) -> LazyLog:
+def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOptions) -> LazyLog:
     """Open a folder of clouds; each is read when it is asked for.
 
     Args:
         name: the folder, as the caller wrote it.
         suffix: which kind of `KINDS` the files are.
         files: the files in order.
-        given: what the caller says of the log.
+        options: what the caller says of the log.
 
     Raises:
         InputError: no poses, or counts that do not fit.
     """
-    given.refuse(name, "a folder of point clouds", "camera")
+    options.refuse(name, "a folder of point clouds", "camera")
     kind, read_cloud = KINDS[suffix]
     folder = Path(name)
-    match, notes = _match(name, folder, suffix, files, given)
+    match, notes = _match(name, folder, suffix, files, options)
 
     def read_scan(i: int) -> Scan:
         source = open_source(files[i])
         cloud = read_cloud(source)
         if match is None:
             pose = viewpoint_pose(source.path, cloud.viewpoint) or _identity()
-            return Scan.from_points(given.sensor_pose(pose), cloud.points)
+            return Scan.from_points(options.sensor_pose(pose), cloud.points)
         return Scan.from_points(match.map_from_sensor(i), cloud.points, match.stamp_ns(i))
 
     return LazyLog(
@@ -98,7 +98,7 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], given: Given) ->
         format=f"folder of {kind} scans",
         scan_count=len(files),
         read_scan=read_scan,
-        skip_bad=given.skip_bad,
+        skip_bad=options.skip_bad,
         opening_notes=notes,
     )
 
@@ -106,21 +106,21 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], given: Given) ->
 def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Callable[..., LoadedLog]:
     """A reader of one cloud, for the registry."""
 
-    def open_cloud(source: Source, given: Given) -> LoadedLog:
-        given.refuse(source.path, f"a {kind} file", "camera")
+    def open_cloud(source: Source, options: ReadOptions) -> LoadedLog:
+        options.refuse(source.path, f"a {kind} file", "camera")
         cloud = read_cloud(source)
         notes = source.initial_notes()
         stamp_ns = None
-        if given.poses is not None:
+        if options.poses is not None:
             names = [Path(source.path).name]
-            match = match_poses(source.path, names, given.poses, given.times, given)
+            match = match_poses(source.path, names, options.poses, options.times, options)
             pose, stamp_ns = match.map_from_sensor(0), match.stamp_ns(0)
             notes.extend(match.notes)
         else:
-            given.refuse(source.path, f"a {kind} file without poses", "times")
+            options.refuse(source.path, f"a {kind} file without poses", "times")
             found = viewpoint_pose(source.path, cloud.viewpoint)
             notes.append(_NO_POSE if found is None else _VIEWPOINT)
-            pose = given.sensor_pose(found or _identity())
+            pose = options.sensor_pose(found or _identity())
         return LoadedLog(
             path=source.path,
             format=f"{kind} scan",
@@ -134,19 +134,19 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
 
 
 def _match(
-    name: str, folder: Path, suffix: str, files: list[Path], given: Given
+    name: str, folder: Path, suffix: str, files: list[Path], options: ReadOptions
 ) -> tuple[PoseMatch | None, tuple[Note, ...]]:
     """The poses of the files, or None where each VIEWPOINT is one; and what to say of it."""
-    poses = given.poses if given.poses is not None else find_poses(folder)
-    times = given.times
+    poses = options.poses if options.poses is not None else find_poses(folder)
+    times = options.times
     if times is None and (folder / TIMES_NAME).is_file():
         times = folder / TIMES_NAME
     if poses is not None:
         names = [path.name for path in files]
-        match = match_poses(name, names, poses, times, given)
+        match = match_poses(name, names, poses, times, options)
         return match, match.notes
     if suffix == ".pcd" and _any_viewpoint(files):
-        given.refuse(name, "a folder whose poses are each PCD's VIEWPOINT", "times")
+        options.refuse(name, "a folder whose poses are each PCD's VIEWPOINT", "times")
         return None, (_VIEWPOINT,)
     no_viewpoint = ", and VIEWPOINT is the identity in all of them" if suffix == ".pcd" else ""
     raise InputError(

@@ -144,5 +144,5 @@ def _pose_words(scan: Scan, where: str) -> str:
 def _seconds(time_ns: int) -> str:
     """Seconds with all nine decimals, without the rounding of a float."""
     sign = "-" if time_ns < 0 else ""
-    seconds, rest = divmod(abs(time_ns), 1_000_000_000)
-    return f"{sign}{seconds}.{rest:09d}"
+    seconds, remainder = divmod(abs(time_ns), 1_000_000_000)
+    return f"{sign}{seconds}.{remainder:09d}"

@@ -100,7 +100,7 @@ def _angles(shares: FloatArray) -> FloatArray:
     return np.interp(shares % 1.0, travelled / travelled[-1], angle)
 
 
-def _beside(angle: float, offset: float) -> tuple[float, float]:
+def _beside_street(angle: float, offset: float) -> tuple[float, float]:
     """The point that many metres to the right of the street: outside of the loop."""
     (x, y), yaw = _on_street(angle), _heading(angle)
     return x + offset * math.sin(yaw), y - offset * math.cos(yaw)
@@ -152,7 +152,7 @@ def _row(rng: np.random.Generator, ground: Ground, side: int) -> list[Box]:
     while travelled < street:
         length, width = rng.uniform(7.0, 15.0), rng.uniform(6.0, 10.0)
         angle = float(_angles(np.array([(travelled + length / 2) / street]))[0])
-        x, y = _beside(angle, side * (rng.uniform(5.0, 8.0) + width / 2))
+        x, y = _beside_street(angle, side * (rng.uniform(5.0, 8.0) + width / 2))
         yaw = _heading(angle) + rng.normal(0.0, 0.05) if rng.random() < 0.7 else 0.0
         top = rng.uniform(6.0, 14.0)
         base = _height(ground, x, y)
@@ -163,7 +163,7 @@ def _row(rng: np.random.Generator, ground: Ground, side: int) -> list[Box]:
 
 def _somewhere(rng: np.random.Generator, nearest: float, farthest: float) -> tuple[float, float]:
     angle = float(_angles(rng.random(1))[0])
-    return _beside(angle, float(rng.choice([-1, 1]) * rng.uniform(nearest, farthest)))
+    return _beside_street(angle, float(rng.choice([-1, 1]) * rng.uniform(nearest, farthest)))
 
 
 def _pole(rng: np.random.Generator, ground: Ground) -> Cylinder:
