@@ -74,7 +74,7 @@ def office(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def tilted_floor(tmp_path: Path) -> Path:
-    """A map of space: a floor of 4 x 4 m tilted by 10 %, a post on it, free space above."""
+    """A 3D map: a floor of 4 x 4 m tilted by 10 %, a post on it, free space above."""
     import numpy as np
 
     import oddsmap
@@ -95,7 +95,7 @@ def tilted_floor(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Maps of the plane, one of another resolution and one of scan votes, and maps of space."""
+    """2D maps, one of another resolution and one of scan votes, and 3D maps."""
     import numpy as np
 
     import oddsmap

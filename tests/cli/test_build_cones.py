@@ -29,7 +29,7 @@ def sonar(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def tof(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six wide beams of space, along the axes."""
+    """Six wide 3D beams, along the axes."""
     axes = np.concatenate([np.eye(3), -np.eye(3)])
     beams = np.concatenate([np.full((6, 3), 0.05), axes, np.full((6, 1), 1.0)], axis=1)
     path = tmp_path_factory.mktemp("logs") / "tof.npz"

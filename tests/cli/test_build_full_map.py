@@ -42,7 +42,7 @@ def sonar(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def tof(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A wall of space as an NPZ beam log."""
+    """A 3D wall as an NPZ beam log."""
     beams = [
         np.column_stack(
             [
@@ -307,7 +307,7 @@ def test_export_of_the_plane(run: Run, flat_map: Path, tmp_path: Path) -> None:
         assert len(arrays["observed"]) > grid.cell_count
         assert not arrays["hits"].any()
     for name in ("m.ply", "m.bt"):
-        assert "of the plane" in run("export", flat_map, tmp_path / name).line
+        assert "this one is 2D" in run("export", flat_map, tmp_path / name).line
 
 
 def test_export_of_space(run: Run, space_map: Path, tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`oddsmap export` of maps of the plane, and requests that no view can serve."""
+"""`oddsmap export` of 2D maps, and requests that no view can serve."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`oddsmap export` of probabilities: prior maps, and maps of space."""
+"""`oddsmap export` of probabilities: prior maps, and 3D maps."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def test_other_outputs_have_the_prior(run: Run, maps: Path, tmp_path: Path) -> N
         (("hall.zarr", "m.npz", "--prior", "none.yaml"), "neither a number nor a file"),
         (("hall.zarr", "m.npz", "--prior", "notes.txt"), "not a map that can be a prior"),
         (("hall.zarr", "m.npz", "--prior", "hall.zarr"), "count twice"),
-        (("hall.zarr", "m.npz", "--prior", "space.zarr"), "the prior is a map of space"),
-        (("hall.zarr", "m.npz", "--prior", "before.bt"), "the prior is a map of space"),
-        (("space.zarr", "m.npz", "--prior", "old.yaml"), "the prior is a map of the plane"),
+        (("hall.zarr", "m.npz", "--prior", "space.zarr"), "the prior is a 3D map"),
+        (("hall.zarr", "m.npz", "--prior", "before.bt"), "the prior is a 3D map"),
+        (("space.zarr", "m.npz", "--prior", "old.yaml"), "the prior is a 2D map"),
         (("hall.zarr", "m.npz", "--prior", "nan"), "prior is a probability"),
         (("before.bt", "m.ply", "--prior", "before.ot"), "no counts"),
     ],
@@ -123,8 +123,8 @@ def test_wrong_requests_of_maps_of_space(
         ((tilted_floor, "a.png", "--ground", "relative"), "which heights"),
         ((tilted_floor, "a.bt", "--clamp", 0.1, 0.9), "--clamp bounds"),
         ((tilted_floor, "a.ply", "--z-min", 1), "not a.ply"),
-        ((flat, "a.png", "--z-max", 1), "of the plane"),
-        ((flat, "a.bt"), "needs a map of space"),
+        ((flat, "a.png", "--z-max", 1), "this one is 2D"),
+        ((flat, "a.bt"), "needs a 3D map"),
         ((bt, "a.npz"), "an OctoMap has none"),
         ((bt, "a.ply", "--prior", 0.3), "no counts"),
         ((tilted_floor, "a.las"), ".bt or .ot (OctoMap), .ply (points)"),

@@ -87,7 +87,7 @@ def test_words(run: Run, sonar: Path, full: Path, tmp_path: Path) -> None:
     done = run("score", full, sonar, "--held-out", "--plot", picture)
     assert done.status == 0
     assert "scored    3 scans, 36 beams" in done.out
-    assert "nats a beam" in done.out
+    assert "nats per beam" in done.out
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "exists already" in run("score", full, sonar, "--plot", picture).line
     assert run("score", full, sonar, "--plot", picture, "--force").status == 0

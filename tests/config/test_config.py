@@ -54,7 +54,7 @@ FLAT = [
     ),
     Scan(Pose2(0.05, 0.05, 0.5), np.array([[1.0, 0.0]]), np.array([1.0]), stamp_ns=60 * 10**9),
 ]
-# Beams of space ahead, back and up: for the filters of what may mark.
+# 3D beams ahead, back and up: for the filters of what may mark.
 AXES = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 SPACE = [Scan(Pose3(np.eye(3), np.zeros(3)), AXES, np.full(3, 1.05))]
 GRID = [GridScan(Pose2(0.0, 0.0, 0.0), np.array([[0.0, 1.0], [0.7, 0.2]]), 0.1, (0.0, 0.0))]

@@ -62,7 +62,7 @@ def test_rows() -> None:
             InputError,
             "not finite",
         ),
-        ("bearing", {"sigma_bearing": 1.0, "map_from_sensor": SPACE}, InputError, "of the plane"),
+        ("bearing", {"sigma_bearing": 1.0, "map_from_sensor": SPACE}, InputError, "need a 2D pose"),
         ("position", {}, ConfigError, "one of sigma_xy"),
         ("position", {"sigma_xy": 1.0, "covariance": np.eye(2)}, ConfigError, "one of sigma_xy"),
         ("position", {"sigma_xy": 1.0, "points": [1.0, 2.0]}, InputError, "shape"),

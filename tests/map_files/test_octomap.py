@@ -292,7 +292,7 @@ def leaves_of_octomap(tree: Any) -> Leaves:
 
 
 def noise_map(seed: int, count: int = 3000) -> oddsmap.EvidenceMap:
-    """A map of space with free blocks that can be merged, and noise, around the origin."""
+    """A 3D map with free blocks that can be merged, and noise, around the origin."""
     rng = np.random.default_rng(seed)
     grid = oddsmap.EvidenceMap(0.25, ndim=3)
     free = np.stack(np.meshgrid(*[np.arange(-9, 9)] * 3), axis=-1).reshape(-1, 3)

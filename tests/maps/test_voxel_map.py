@@ -1,4 +1,4 @@
-"""Maps of space without counts."""
+"""3D maps without counts."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_a_view_of_space() -> None:
     assert np.count_nonzero(state != State.UNKNOWN) == 3
     leaf = voxels.find(index)
     assert np.array_equal(voxels.log_odds[leaf], view.of_votes([3, 0, 1], [0, 3, 1]))
-    with pytest.raises(InputError, match="of the plane"):
+    with pytest.raises(InputError, match="2D"):
         oddsmap.EvidenceMap(0.25).log_odds().to_voxels()
     with pytest.raises(InputError, match=r"oddsmap\.project"):
         view.to_probability_map()

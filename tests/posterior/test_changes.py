@@ -131,7 +131,7 @@ def test_space() -> None:
     got = changed(maps[0].log_odds(), maps[1].log_odds())
     assert got.index.tolist() == [[1, 2, 3]]
     assert got.probability.item() > 0.5
-    with pytest.raises(InputError, match="cells of the plane"):
+    with pytest.raises(InputError, match="needs 2D cells"):
         got.to_probability_map()
     assert VoxelMap(got.index, np.zeros(1), got.resolution).leaf_count == 1
 

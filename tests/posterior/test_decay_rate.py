@@ -164,10 +164,10 @@ def test_what_is_refused(evidence: EvidenceMap) -> None:
             DecayRate(evidence, level=level)
         with pytest.raises(ConfigError, match="level lies between"):
             evidence.decay_rate().interval(level=level)
-    with pytest.raises(ConfigError, match="no quantity"):
+    with pytest.raises(ConfigError, match="not a quantity"):
         evidence.decay_rate().quantity("median")  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="0 m or more"):
         evidence.decay_rate().p_pass(way=-1.0)
     space = EvidenceMap(1.0, votes="beam", ndim=3, path_lengths=True)
-    with pytest.raises(InputError, match="of space"):
+    with pytest.raises(InputError, match="this one is 3D"):
         space.decay_rate().save_png("x.png")

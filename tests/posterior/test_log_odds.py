@@ -210,7 +210,7 @@ def test_space_has_no_picture() -> None:
     space = EvidenceMap(1.0, ndim=3)
     space.add_cells(np.array([[1, 2, 3]]), np.array([ONE]), np.array([0]))
     view = space.log_odds()
-    with pytest.raises(InputError, match="map of the plane"):
+    with pytest.raises(InputError, match="2D map"):
         view.to_probability_map()
     assert view.state(((1, 2, 3), (3, 3, 4))).tolist() == [[[State.OCCUPIED, State.UNKNOWN]]]
 

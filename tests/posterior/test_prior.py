@@ -358,14 +358,10 @@ class TestErrors:
         plane, space = EvidenceMap(1.0), EvidenceMap(1.0, ndim=3)
         voxels = VoxelMap(np.zeros((1, 3), int), np.zeros(1), 1.0)
         for source in (space, space.log_odds(), voxels, PriorArray(np.zeros((1, 1, 1)), (0, 0, 0))):
-            with pytest.raises(
-                InputError, match="prior is a map of space, this map is of the plan"
-            ):
+            with pytest.raises(InputError, match="prior is a 3D map, this map is 2D"):
                 plane.log_odds(prior=source)
         for other in (plane, some_grid(1), PriorArray(np.zeros((1, 1)), (0, 0))):
-            with pytest.raises(
-                InputError, match="prior is a map of the plane, this map is of spac"
-            ):
+            with pytest.raises(InputError, match="prior is a 2D map, this map is 3D"):
                 space.log_odds(prior=other)
 
     def test_itself(self) -> None:

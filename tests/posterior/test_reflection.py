@@ -191,7 +191,7 @@ def test_ros(tmp_path: Path) -> None:
         assert np.array_equal(back.observed, view.observed())
         assert np.allclose(back.probability[back.observed], view.mean()[back.observed], atol=0.0051)
         assert back.origin == view.to_probability_map().origin
-    with pytest.raises(ConfigError, match="no state"):
+    with pytest.raises(ConfigError, match="not a state"):
         view.save_ros(tmp_path / "t.yaml", mode="trinary")
 
 
@@ -216,5 +216,5 @@ def test_bad_values(options: dict[str, Any], message: str) -> None:
         seen(1, 1, **options)
     with pytest.raises(ConfigError, match="threshold lies between"):
         seen(1, 1).p_above(threshold=-0.1)
-    with pytest.raises(ConfigError, match="no quantity; known: mean, mode"):
+    with pytest.raises(ConfigError, match="not a quantity; known: mean, mode"):
         seen(1, 1).quantity("median")  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""From space to the plane: bands of heights, above zero and above the ground."""
+"""From 3D to 2D: bands of heights, above zero and above the ground."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Index = npt.NDArray[np.int64]
 
 
 def space(hits: npt.ArrayLike, passes: npt.ArrayLike = ()) -> EvidenceMap:
-    """A map of space with six hits, or six passes, in the cells given."""
+    """A 3D map with six hits, or six passes, in the cells given."""
     grid = EvidenceMap(R, ndim=3)
     for index, vote in ((hits, 0), (passes, 1)):
         cells = np.array(index, np.int64).reshape(-1, 3)
@@ -164,7 +164,7 @@ def test_senseless_requests() -> None:
         project(grid, 0.0, 1.0, ground="relative")
     with pytest.raises(ConfigError, match="ground is None"):
         project(grid, 0.0, 1.0, ground="flat")  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="of the plane already"):
+    with pytest.raises(InputError, match="2D already"):
         project(EvidenceMap(R), 0.0, 1.0)
     with pytest.raises(oddsmap.MapTooLargeError, match="crop the map"):
         project(space([[0, 0, 0], [10**6, 10**6, 0]]), 0.0, 1.0)

@@ -44,7 +44,7 @@ def test_a_header_that_promises_more_says_both_numbers(tmp_path: Path, encoding:
         (b"element vertex", b"element vertices", "0 PLY elements `vertex`"),
         (b"float x", b"float w", "0 x `x` .red w y z nx.: a scan needs"),
         (b"float x", b"int x", "property `x` is int: it must be float or double"),
-        (b"float x", b"quad x", r"a\.ply:8: 'property quad x' is no line of a PLY header"),
+        (b"float x", b"quad x", r"a\.ply:8: 'property quad x' is not a line of a PLY header"),
         (b"short nx", b"list uchar int nx", "a list in the PLY element `vertex`"),
         (b"double focus", b"list uchar int focus", "a list in the PLY element `camera`"),
         (b"end_header\n", b"", "no line of a PLY header|has no end_header"),

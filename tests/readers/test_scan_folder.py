@@ -104,7 +104,7 @@ def test_stamped_poses_and_unstamped_scans_match_by_order_and_say_so(tmp_path: P
     (tmp_path / "poses.txt").write_text(tum([3, 4]))
     log = open_log(tmp_path)
     assert [scan.stamp_ns for scan in log] == [3_000_000_000, 4_000_000_000]
-    assert log.notes == ("the scans have no stamps: poses are taken in their order, one a scan",)
+    assert log.notes == ("the scans have no stamps: poses are taken in their order, one per scan",)
 
 
 def test_extrinsics_and_poses_given_by_hand(tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_one_broken_file_is_an_error_or_a_counted_skip(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         next(scans)
     assert str(caught.value).startswith(
-        f"{tmp_path / '1.bin'}: 20 bytes, which is no multiple of 16"
+        f"{tmp_path / '1.bin'}: 20 bytes, which is not a multiple of 16"
     )
     log = open_log(tmp_path, skip_bad=True)
     assert not log.skipped  # nothing has been read yet

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HELP", "build"]
 
-HELP = """Map one or more logs: of the plane or of space, as their scans are.
+HELP = """Map one or more logs: in 2D or 3D, as their scans are.
 
 \b
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
@@ -57,7 +57,7 @@ def build(
     resolution: Resolution = None,
     votes: Annotated[
         Literal["scan", "beam"] | None,
-        typer.Option(help="scan: one vote a cell and scan; beam: every beam."),
+        typer.Option(help="scan: one vote per cell and scan; beam: every beam."),
     ] = None,
     clear_range: Annotated[
         float | None, typer.Option(metavar="M", help="How far a beam without return clears.")
@@ -138,7 +138,7 @@ def build(
 
 
 def _facts_of_work(plan: BuildPlan, opened: OpenedLogs, report: Report) -> dict[str, Any]:
-    """What there is to say of how a map was made, beside the map itself."""
+    """How a map was made, apart from the map itself."""
     return {
         "scans": report.scans,
         "beams": report.beams,

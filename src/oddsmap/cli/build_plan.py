@@ -51,7 +51,7 @@ class MapSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class BuildPlan:
-    """All that `oddsmap build` was asked for.
+    """All options of one call of `oddsmap build`.
 
     Args:
         logs: the paths of the logs.

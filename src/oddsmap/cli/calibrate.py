@@ -148,7 +148,7 @@ def _say(found: Calibration, output: Path) -> None:
         error = found.errors[name]
         sure = "at its bound" if math.isnan(error) else f"+- {error:.2g}"
         say(f"{name:<11} {value:.4g} {sure} {_UNITS.get(name, '')}".rstrip())
-    say(f"likelihood  {found.log_likelihood:+.4f} nats a beam, each predicted without itself")
+    say(f"likelihood  {found.log_likelihood:+.4f} nats per beam, each predicted without itself")
     if not found.converged:
         say(f"NOT at rest after {found.updates} updates: start from this file to go on (--config)")
     say(f"sensor      {output}")

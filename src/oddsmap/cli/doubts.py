@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Doubts: what a person should know where settings do not fit a log, and nobody asked for that."""
+"""Doubts: what to know where settings do not fit a log and nobody requested that."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["doubt_of_sensor", "doubts_of_settings"]
 
-# Calibration may find another width than a log writes of its sensor; it is no such factor.
+# Calibration may find a width that differs from the one in the log, but not by such a factor.
 _ANOTHER_WIDTH = 1.5
 
 
@@ -33,7 +33,7 @@ def doubts_of_settings(log: Log, config: Config) -> list[str]:
 
 
 def doubt_of_sensor(log: Log, sensor: Sensor, layers: SettingLayers) -> str | None:
-    """What to say where a log's beams are not as wide as they are predicted, and nobody asked."""
+    """A doubt where a log's beams are not as wide as predicted, and nobody requested that."""
     from oddsmap.sensors.registry import stated_of_sensor
 
     requested, stated = layers.fields("sensor"), stated_of_sensor(log)

@@ -30,7 +30,7 @@ How often cells reflect beams (maps made with --votes beam), with credible inter
   oddsmap export hall.zarr hall.png --posterior reflection --show interval-width --level 0.8
 
 \b
-Maps of space, MAP may be an OctoMap, too:
+3D maps (MAP may also be an OctoMap):
   oddsmap export hall.zarr hall.bt                     OctoMap: free and occupied; .ot: log odds
   oddsmap export hall.zarr hall.ply                    the occupied cells as points
   oddsmap export hall.zarr hall.yaml --z-min 0.2 --z-max 1.8 --ground relative

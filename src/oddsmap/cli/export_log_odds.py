@@ -45,7 +45,7 @@ def write_log_odds(
         raise ConfigError(f"--clamp bounds the probabilities of an .ot, not of {output.name}")
     heights = options.keys() & {"z_min", "z_max", "ground"}
     if suffix not in _OF_PLANE and heights:
-        raise ConfigError(f"--z-min, --z-max, --ground make a map of the plane, not {output.name}")
+        raise ConfigError(f"--z-min, --z-max, --ground make a 2D map, not {output.name}")
     view = _open(source, **{name: options.get(name) for name in ("prior", "p_hit", "p_miss")})
     if suffix == ".npz":
         _save_npz(view, output, force=force)
@@ -92,7 +92,7 @@ def _open(
 
 
 def _prior(text: str, source: Path) -> float | MapLike:
-    """What --prior says: a number, or the map in a file."""
+    """What --prior says: a number, or a map in a file."""
     from oddsmap.errors import ConfigError
     from oddsmap.evidence.store import is_map
     from oddsmap.evidence_map import load_map
@@ -140,13 +140,11 @@ def _plane(
     thresholds = view.thresholds if isinstance(view, Belief) else None
     if isinstance(view, Belief) and view.ndim == 2:
         if banded or ground != "none":
-            raise ConfigError(
-                "--z-min, --z-max and --ground need a map of space, this one is of the plane"
-            )
+            raise ConfigError("--z-min, --z-max and --ground need a 3D map, this one is 2D")
         return view.to_probability_map(), thresholds
     if not banded:
         raise ConfigError(
-            "this map is of space: say which heights make the map of the plane, for example "
+            "this map is 3D: say which heights make the 2D map, for example "
             "--z-min 0.2 --z-max 1.8 --ground relative"
         )
     lowest = -float("inf") if z_min is None else z_min

@@ -24,7 +24,7 @@ HELP = """Map point landmarks seen from known poses.
   oddsmap landmarks corners.csv --sigma-xy 0.05 -o corners.json
   oddsmap landmarks beacons.npz --sigma-bearing 2 -o beacons.png
 
-The table has a row an observation: x, y, theta (pose of the sensor; metres, radians) and range,
+The table has one row per observation: x, y, theta (pose of the sensor; metres, radians) and range,
 bearing, or bearing alone, or dx, dy (in the sensor frame); id and stamp may be there. Without id,
 observations go to landmarks by a chi-square gate.
 """
@@ -41,7 +41,7 @@ _NOISE_OF = {
 
 def landmarks(
     observations: Annotated[
-        Path, typer.Argument(metavar="OBS", help="A .csv or .npz, a row an observation.")
+        Path, typer.Argument(metavar="OBS", help="A .csv or .npz, one row per observation.")
     ],
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="OUT", help=".csv, .json (all) or .png")
@@ -141,7 +141,7 @@ def _facts(
 
 def _why_none(found: LandmarkMap, table: ObservationTable) -> str:
     if table.kind == "bearing" and table.ids is None:
-        return "no landmark: bearings alone start none; they need a column `id`"
+        return "no landmark: bearings alone cannot start one; they need a column `id`"
     if found.unlocated:
         return (
             f"no landmark: the bearings of {found.unlocated} do not cross widely enough to say "

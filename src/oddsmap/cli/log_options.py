@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How a log is read: the options beside its path, and what their words say."""
+"""How a log is read: the options beside its path, and what their values mean."""
 
 from __future__ import annotations
 

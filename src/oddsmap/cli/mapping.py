@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["make_map"]
 
 Made = tuple[dict[str, Any], "Report"]
-"""What there is to say of a map, and what became of the scans."""
+"""Remarks on a map, and what became of its scans."""
 
 
 def make_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
@@ -101,7 +101,7 @@ def _full_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
 
 
 def _note_held_out(provenance: list[dict[str, Any]], logs: list[OpenedLog]) -> None:
-    """Note in a map which scans it has not seen: one entry a log."""
+    """Note in a map which scans it has not seen: one entry per log."""
     from oddsmap.scans.split_log import PartOfLog
 
     for entry, part in zip(provenance, logs, strict=True):

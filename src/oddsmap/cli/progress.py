@@ -63,7 +63,7 @@ def progress_of_fit(*, quiet: bool) -> Iterator[Callable[[str, float], None] | N
         yield None
         return
     with console.status(_GETTING_READY) as status:
-        yield lambda what, value: status.update(f"fitting {what}: {value:+.4f} nats a beam")
+        yield lambda what, value: status.update(f"fitting {what}: {value:+.4f} nats per beam")
 
 
 def _bar(*, quiet: bool) -> Progress:

@@ -111,7 +111,7 @@ def _check_picture(plot: Path | None, *, force: bool) -> None:
     if plot is None:
         return
     if plot.suffix.lower() != ".png":
-        raise ConfigError(f"{plot}: a picture is named .png; give a name that ends in .png")
+        raise ConfigError(f"{plot}: a picture must have a name that ends in .png")
     check_output(plot, force=force)
 
 
@@ -178,7 +178,7 @@ def _say(scores: LogScores) -> None:
         "no-returns")  # fmt: skip
     for reason, count in sorted(scores.skipped.items()):
         say(f"skipped   {count:,} x {reason}")
-    say(f"map       {scores.log_likelihood:+.3f} nats a beam (mean log likelihood)")
+    say(f"map       {scores.log_likelihood:+.3f} nats per beam (mean log likelihood)")
     say(f"constant  {scores.constant_log_likelihood:+.3f} with p = {scores.constant:.2g} in every "
         "cell, the best there is")  # fmt: skip
     say(f"prior     {scores.prior_log_likelihood:+.3f} with the map's prior in every cell")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Names of sensors: what --sensor may say, and what the sensor of a log is called."""
+"""Names of sensors: what --sensor may be, and what the sensor of a log is called."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["check_width", "may_be_called", "sensor_name", "sensor_names"]
 
 
 def sensor_names() -> dict[str, str]:
-    """What --sensor may say, and the kind of sensor model that stands for it."""
+    """What --sensor may be, and the kind of sensor model that stands for it."""
     from oddsmap.sensors.registry import NAMES
 
     return NAMES

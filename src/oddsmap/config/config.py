@@ -27,7 +27,7 @@ class MapConfig:
 
     Args:
         resolution: side of a cell [m].
-        votes: "scan" (at most one vote a cell and scan) or "beam" (every beam votes).
+        votes: "scan" (at most one vote per cell and scan) or "beam" (every beam votes).
         half_life: after this time evidence weighs half [s]; None: it never fades. A scan of time
             t votes with the weight 2^(-(t_ref - t) / half_life).
         t_ref_ns: the time t_ref at which evidence weighs 1, that of the last scan or later [ns];

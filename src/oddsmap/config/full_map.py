@@ -26,14 +26,14 @@ class FullMapConfig:
             by Gibbs sampling, exact but for chance in the long run: the reference, a few times
             slower and on one thread. "map": one map that no single cell can improve, by hill
             climbing. These two start from where sum-product ends, with the fields below.
-        prior: p(x) of a cell before any reading, without its neighbours' word; None: 0.475 in the
-            plane, 0.1 in space. Hundreds of unseen cells share a cone: where each is believed in
-            a little, that nothing returned the beam is taken for a dropout.
+        prior: p(x) of a cell before any reading, before its neighbours are considered; None: 0.475 in
+            2D, 0.1 in 3D. Hundreds of unseen cells share a cone: if each is believed to be occupied
+            with a small probability, a beam that nothing returned is taken for a dropout.
         coupling: strength J of the Ising prior exp(J [m_i = m_j]) on cells that share a side; None:
-            0.8 in the plane, 0.4 in space, by the sonar benchmark and by held-out readings. Belief
-            propagation takes sides by itself from ln 2 = 0.69 in the plane and ln 1.5 = 0.41 in
-            space: cells that no beam speaks of drift together there, which `FullMap` marks.
-        sweeps: the most sweeps over all beams.
+            0.8 in 2D, 0.4 in 3D, by the sonar benchmark and by held-out readings. Belief
+            propagation takes sides by itself from ln 2 = 0.69 in 2D and ln 1.5 = 0.41 in
+            3D: there, cells that no beam observes drift together, which `FullMap` marks.
+        sweeps: the maximum number of sweeps over all beams.
         tolerance: sweeps end once messages change by less than this on average [nats]: those of
             beams, and those between neighbours.
         schedule: in which order messages are renewed. "sequential": beam after beam. "chunks":
@@ -80,13 +80,13 @@ class FullMapConfig:
                 raise ConfigError(f"full_map.{name} is one of {', '.join(known)}, got {value!r}")
 
     def coupling_in(self, ndim: int) -> float:
-        """J for cells of a plane (2) or of space (3)."""
+        """J for cells of a 2D map (2) or a 3D map (3)."""
         if self.coupling is not None:
             return self.coupling
         return 0.8 if ndim == 2 else 0.4
 
     def prior_in(self, ndim: int) -> float:
-        """p(x) of a cell of a plane (2) or of space (3)."""
+        """p(x) of a cell of a 2D map (2) or a 3D map (3)."""
         if self.prior is not None:
             return self.prior
         return 0.475 if ndim == 2 else 0.1

@@ -48,7 +48,7 @@ class LandmarkMap:
             3 without.
         depth_ratio_max: a landmark known by bearings alone is reported once its largest standard
             deviation is at most this part of its distance to the nearest sensor.
-        ndim: 2, or 3 for positions in space.
+        ndim: 2, or 3 for 3D positions.
 
     Raises:
         ConfigError: an argument outside its range.
@@ -212,7 +212,7 @@ class LandmarkMap:
 
         Raises:
             ConfigError: an option outside its range.
-            KeyError, TypeError, ValueError: something is missing, or is no number.
+            KeyError, TypeError, ValueError: something is missing, or is not a number.
         """
         landmarks = cls(**{option: content["options"][option] for option in _OPTIONS})
         landmarks.known_ids = content["known_ids"]

@@ -26,7 +26,7 @@ class Observations:
         map_from_sensor: the known pose of the sensor; `Pose3` for positions only.
         kind: what the columns of `values` are: "range-bearing" (range [m], bearing [rad]),
             "bearing" (bearing [rad]) or "position" (coordinates in the sensor frame [m]).
-        values: one row an observation, shape (n, k). A row that is not finite is counted and
+        values: one row per observation, shape (n, k). A row that is not finite is counted and
             skipped when it is added to a map.
         covariance: noise of each row, shape (n, k, k), symmetric and positive definite.
         ids: which landmark each row is of, shape (n,), or None where that is not known.
@@ -45,7 +45,7 @@ class Observations:
     def __post_init__(self) -> None:
         d = 2 if isinstance(self.map_from_sensor, Pose2) else 3
         if d == 3 and self.kind != "position":
-            raise InputError(f"{self.kind} observations need a pose of the plane (Pose2)")
+            raise InputError(f"{self.kind} observations need a 2D pose (Pose2)")
         if not self.map_from_sensor.is_finite:
             raise InputError("the pose of a scan of landmarks is not finite: leave the scan out")
         n, k = len(self.values), {"range-bearing": 2, "bearing": 1, "position": d}[self.kind]
@@ -118,10 +118,10 @@ class Observations:
         """Positions in the sensor frame.
 
         Args:
-            map_from_sensor: the known pose of the sensor, of the plane or of space.
+            map_from_sensor: the known pose of the sensor, 2D or 3D.
             points: positions in the sensor frame [m], shape (n, d), d that of the pose.
             sigma_xy: standard deviation of each coordinate [m]; or
-            covariance: in the sensor frame [m^2], shape (d, d), or (n, d, d): one a row.
+            covariance: in the sensor frame [m^2], shape (d, d), or (n, d, d): one per row.
             ids: integers from 0 that name the landmarks, shape (n,); None: not known.
 
         Raises:
@@ -157,7 +157,7 @@ class Observations:
         """
         pose = self.map_from_sensor
         if self.kind == "bearing":
-            raise InputError("a bearing is no position: two from different places are needed")
+            raise InputError("one bearing gives no position: two from different places are needed")
         points, jacobian = self.values, np.broadcast_to(pose.rotation, self.covariance.shape)
         if self.kind == "range-bearing":
             ranges, bearings = self.values.T
@@ -184,7 +184,7 @@ def _diagonal(**sigmas: float) -> FloatArray:
 
 
 def _each(values: FloatArray, noise: FloatArray) -> FloatArray:
-    """One covariance for all rows, or one a row: as one a row."""
+    """One covariance for all rows, or one per row: as one per row."""
     if noise.ndim == 2:
         return np.broadcast_to(noise, (len(values), *noise.shape))
     return noise

@@ -44,7 +44,7 @@ def save_landmarks_png(
     title: str | None = None,
     force: bool = False,
 ) -> Path:
-    """Draw landmarks with their 95 % ellipses, axes in metres; of space, the x-y plane.
+    """Draw landmarks with their 95 % ellipses, axes in metres; of 3D landmarks, the x-y plane.
 
     Where the ellipses are too small to be seen they are all enlarged by one round factor, which
     the legend names.
@@ -67,7 +67,7 @@ def save_landmarks_png(
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise ConfigError(f"{path}: a picture is named .png; give a name that ends in .png")
+        raise ConfigError(f"{path}: a picture must have a name that ends in .png")
     check_output(path, force=force)
     line = np.empty((0, 2)) if trajectory is None else np.asarray(trajectory, dtype=np.float64)
     if line.ndim != 2 or line.shape[1] != 2:
@@ -82,7 +82,7 @@ def save_landmarks_png(
 
 
 def ellipse_axes(covariance: FloatArray, probability: float) -> tuple[float, float, float]:
-    """The ellipse about the mean of a Gaussian of the plane that holds a given probability.
+    """The ellipse about the mean of a 2D Gaussian that holds a given probability.
 
     Args:
         covariance: [m^2], shape (2, 2).

@@ -49,7 +49,7 @@ def save_csv(landmarks: Sequence[Landmark], ndim: int, path: Path, *, force: boo
 
 
 def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read what `save_json` wrote; whether it is whole shows when a map is made of it.
+    """Read what `save_json` wrote; whether it is complete shows when a map is made of it.
 
     Raises:
         InputError: no such file, or not a landmark map of this version.

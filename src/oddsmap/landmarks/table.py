@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of landmark observations: one row an observation, CSV with a header line, or NPZ.
+"""Tables of landmark observations: one row per observation, CSV with a header line, or NPZ.
 
 | column | |
 |---|---|
@@ -85,7 +85,7 @@ class ObservationTable:
         Raises:
             ConfigError: one that the kind of the table needs is missing or not positive.
         """
-        sigma_by_name = {"sigma_range": sigma_range, "sigma_bearing": sigma_bearing, "sigma_xy": sigma_xy}
+        stated = {"sigma_range": sigma_range, "sigma_bearing": sigma_bearing, "sigma_xy": sigma_xy}
         needs = {
             "range-bearing": ("sigma_range", "sigma_bearing"),
             "bearing": ("sigma_bearing",),
@@ -93,7 +93,7 @@ class ObservationTable:
         }[self.kind]
         sigmas = []
         for name in needs:
-            sigma = sigma_by_name[name]
+            sigma = stated[name]
             if sigma is None or not 0.0 < sigma < math.inf:
                 raise ConfigError(f"{self.kind} observations need a positive {name}, got {sigma}")
             sigmas.append(sigma)
@@ -116,8 +116,8 @@ def read_observations(path: str | os.PathLike[str]) -> ObservationTable:
         path: a CSV or NPZ file, which may be compressed by gzip or bzip2.
 
     Raises:
-        InputError: no such file, missing columns, a word that is no number, a bearing that cannot
-            be in radians, or no usable row.
+        InputError: no such file, missing columns, a word that is not a number, a bearing that
+            cannot be in radians, or no usable row.
     """
     source = open_source(path)
     if is_npz(source.head):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of observations from an NPZ file: one array of shape (n,) a column."""
+"""Columns of observations from an NPZ file: one array of shape (n,) per column."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ def read_npz_columns(
         there is no column `id`; where each row stands, for messages.
 
     Raises:
-        InputError: a corrupt file, an array of another shape or type, or an id that is no integer.
+        InputError: a corrupt file, an array of another shape or type, or an id that is not an
+            integer.
     """
     path = source.path
     try:

@@ -50,7 +50,7 @@ class Leaves(Protocol):
 
     @property
     def level(self) -> npt.NDArray[np.uint8]:
-        """A leaf has 2^level cells a side, shape (n,)."""
+        """A leaf has 2^level cells per side, shape (n,)."""
 
     @property
     def resolution(self) -> float:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The cells of a map as a NumPy archive: the export for everybody."""
+"""The cells of a map as a NumPy archive: the most general export."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def save_npz(
     extra: Mapping[str, npt.NDArray[np.floating]] | None = None,
     force: bool = False,
 ) -> Path:
-    """Write one row a cell to a compressed `.npz`, under the names of the arguments.
+    """Write one row per cell to a compressed `.npz`, under the names of the arguments.
 
     Read it with `numpy.load(path)`; cell i covers [i * resolution, (i + 1) * resolution) in the map
     frame along each axis.

@@ -36,7 +36,7 @@ def save_ply(
     Args:
         voxels: the map's leaves.
         path: the file to write, named `.ply`.
-        thresholds: from which probability a cell is occupied; by default 0.65.
+        thresholds: the probability from which a cell counts as occupied; by default 0.65.
         force: True where an existing file may be replaced.
 
     Returns:

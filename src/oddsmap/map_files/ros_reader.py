@@ -194,7 +194,7 @@ def _read_with_pillow(
 
     try:
         with Image.open(image) as opened:
-            if opened.mode.startswith("I"):  # 16 bits a pixel
+            if opened.mode.startswith("I"):  # 16 bits per pixel
                 deep = np.asarray(opened, dtype=np.float64) / 257.0
                 return deep, np.ones(deep.shape, dtype=np.bool_)
             pixels = np.asarray(opened.convert("RGBA"))

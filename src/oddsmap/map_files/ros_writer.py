@@ -180,7 +180,7 @@ def _yaml(grid: Grid, image_name: str, mode: RosMode, limits: Thresholds) -> str
 def _exact(value: float) -> str:
     """Write a number so that the same one is read: Nav2's own saver keeps 3 digits."""
     text = repr(float(value))
-    # YAML 1.1 takes 1e-05 for text; it wants a point.
+    # YAML 1.1 takes 1e-05 for text; it needs a point.
     return text if "." in text else text.replace("e", ".0e")
 
 

@@ -21,7 +21,7 @@ __all__ = ["ProbabilityMap", "load_ros"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbabilityMap:
-    """Probabilities of a rectangle of cells in the plane.
+    """Probabilities of a rectangle of 2D cells.
 
     Args:
         probability: p(occupied), shape (ny, nx), row = y ascending, column = x ascending.

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A map of space without counts: probabilities of cubes of cells.
+"""A 3D map without counts: probabilities of cubes of cells.
 
 It is what a file without evidence (an OctoMap) arrives as: a prior, or something to compare with,
-never evidence. The sibling, in space, of `ProbabilityMap`.
+never evidence. The 3D sibling of `ProbabilityMap`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _MAX_LEVEL = 15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VoxelMap:
-    """Log odds of cells of space; one entry, a leaf, may stand for a cube of 2^k cells a side.
+    """Log odds of 3D cells; one entry, a leaf, may cover a cube of 2^k cells per side.
 
     Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis. Cells
     in no leaf are unknown. The leaves are kept in depth-first order of an octree; that of the
@@ -64,7 +64,7 @@ class VoxelMap:
         if levels.shape == (0,) and levels.dtype == np.uint8:
             levels = np.zeros(len(index), np.uint8)
         if index.ndim != 2 or index.shape[1:] != (3,):
-            raise InputError(f"a map of space needs index of shape (n, 3), got {index.shape}")
+            raise InputError(f"a 3D map needs an index of shape (n, 3), got {index.shape}")
         if not log_odds.shape == levels.shape == (len(index),):
             raise InputError(
                 f"{len(index)} leaves need log odds and levels of shape ({len(index)},), "
@@ -79,7 +79,7 @@ class VoxelMap:
         level = levels.astype(np.uint8)
         side = np.int64(1) << level.astype(np.int64)
         if (index & (side - 1)[:, None]).any():
-            raise InputError("a leaf of 2^k cells a side must start at a multiple of 2^k")
+            raise InputError("a leaf of 2^k cells per side must start at a multiple of 2^k")
         base = _base_of(index, side)
         code = morton(index - base)
         if len(code) and not (code[1:] > code[:-1]).all():
@@ -133,7 +133,7 @@ class VoxelMap:
         """
         cells = np.asarray(index, np.int64)
         if cells.ndim != 2 or cells.shape[1] != 3:
-            raise InputError(f"cells of space need an index of shape (m, 3), got {cells.shape}")
+            raise InputError(f"3D cells need an index of shape (m, 3), got {cells.shape}")
         bounds = self.bounds()
         if bounds is None:
             return np.full(len(cells), -1, np.int64)
@@ -175,7 +175,7 @@ class VoxelMap:
         # In Python's integers: disjoint leaves could cover 2^63 cells.
         total = self.cell_count if region is None else sum(map(int, count))
         if total > max_cells:
-            # Index, probability, and what it takes to get there: 64 bytes a cell.
+            # Index, probability, and what it takes to get there: 64 bytes per cell.
             raise MapTooLargeError(
                 f"{self.leaf_count} leaves cover {total} cells, listing them takes about "
                 f"{total * 64 / 1e9:.3g} GB; ask for a region, or raise max_cells ({max_cells})"
@@ -243,7 +243,7 @@ def _base_of(index: IntArray, side: IntArray) -> IntArray:
     # By division: a difference of far indices may not fit in 64 bits.
     if ((hi - 1) // 2 - base // 2 >= 1 << (MORTON_BITS - 1)).any():
         raise MapTooLargeError(
-            f"a map of space covers at most {1 << MORTON_BITS} cells along an axis, "
+            f"a 3D map covers at most {1 << MORTON_BITS} cells along an axis, "
             f"got {lo.tolist()} to {hi.tolist()}"
         )
     return base

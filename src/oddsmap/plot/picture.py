@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One PNG of a map that a person likes to look at.
+"""One PNG of a map, made for people to look at.
 
 The picture is laid out in whole pixels: a cell is k by k pixels or, in a map too large for that, a
 pixel is b by b cells, so that no wall falls between two pixels.
@@ -31,7 +31,7 @@ _UNKNOWN = (199.0, 213.0, 227.0)
 _INK = "#39434d"
 _TRAJECTORY = "#e4572e"
 
-_MIN_PIXELS = 1200  # long side of the map; small maps get several pixels a cell
+_MIN_PIXELS = 1200  # long side of the map; small maps get several pixels per cell
 _MAX_PIXELS = 3800  # with the margins for the text it stays below 4000
 _LONG_SIDE = 10.0  # [inch]; the text is sized for this, whatever the number of pixels
 _MARGIN = 0.025  # of the long side, around the observed cells
@@ -46,7 +46,7 @@ class _Layout:
         rows: observed rows of the grid.
         columns: observed columns of the grid.
         limits: x0, x1, y0, y1 of the map frame [m], margin included.
-        block: cells to a pixel, along each side.
+        block: cells per pixel, along each side.
         width: of the map [pixel].
         height: of the map [pixel].
     """
@@ -69,7 +69,7 @@ def save_png(
 ) -> Path:
     """Draw a map: free white, occupied near black, unknown light blue, axes in metres.
 
-    Only the observed part is shown, with a small margin. A map of more than 3800 cells a side is
+    Only the observed part is shown, with a small margin. A map of more than 3800 cells per side is
     drawn with one pixel for a block of cells, which takes the colour of the most occupied cell
     among them (an average would fade a wall of one cell away); it is unknown only if all are.
 
@@ -91,7 +91,7 @@ def save_png(
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise ConfigError(f"{path}: a picture is named .png; give a name that ends in .png")
+        raise ConfigError(f"{path}: a picture must have a name that ends in .png")
     check_output(path, force=force)
     line = None if trajectory is None else np.asarray(trajectory, dtype=np.float64)
     if line is not None and (line.ndim != 2 or line.shape[1] != 2):
@@ -113,7 +113,7 @@ def cell_colours(
     Args:
         probability: p(occupied), shape (ny, nx).
         observed: True where there was evidence, same shape.
-        block: cells to a pixel, along each side.
+        block: cells per pixel, along each side.
 
     Returns:
         RGB, shape (ceil(ny / block), ceil(nx / block), 3).
@@ -142,7 +142,7 @@ def _layout(grid: ProbabilityMap) -> _Layout:
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     longest = float(size.max())
     block = math.ceil((1.0 + 2.0 * _MARGIN) * longest / _MAX_PIXELS)
-    scale = max(1, math.ceil(_MIN_PIXELS / longest))  # pixels a cell
+    scale = max(1, math.ceil(_MIN_PIXELS / longest))  # pixels per cell
     pad = np.maximum(max(1.0, _MARGIN * longest), (_MIN_SIDE * longest - size) / 2.0)
     # A margin of whole blocks, so that the pixels of the picture are those of the cells.
     pad = block * np.ceil(pad / block)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One PNG of a quantity of the cells: a colour map, a colour bar, axes in metres.
 
-For what is no probability of being occupied: a reflectivity, its spread, a change. The layout is
+For what is not a probability of being occupied: a reflectivity, its spread, a change. The layout is
 that of the picture of a map, in whole pixels.
 """
 
@@ -47,7 +47,7 @@ def save_quantity(
 ) -> Path:
     """Draw a quantity of the observed cells; the others, and those of NaN, are light blue.
 
-    A map of more than 3800 cells a side is drawn with one pixel for a block of cells, which takes
+    A map of more than 3800 cells per side is drawn with one pixel for a block of cells, which takes
     the largest value among them.
 
     Args:
@@ -67,7 +67,7 @@ def save_quantity(
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
-        raise ConfigError(f"{path}: a picture is named .png; give a name that ends in .png")
+        raise ConfigError(f"{path}: a picture must have a name that ends in .png")
     check_output(path, force=force)
     if not grid.observed.any():
         raise InputError(f"{path}: no cell of the map is observed, nothing to draw")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rigid transforms of the plane and of space, in float64.
+"""Rigid transforms in 2D and 3D, in float64.
 
 A transform is named `target_from_source`: `map_from_sensor.transform(points)` takes points in
 the sensor frame [m] to the map frame [m]. Frames are right-handed, x forward, z up.

@@ -26,13 +26,13 @@ __all__ = ["Belief", "Region"]
 
 
 class Belief(ABC):
-    """p(m_i | z_1:t) of each cell, of a plane or of space.
+    """p(m_i | z_1:t) of each cell, in 2D or 3D.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
-    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in space.
+    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in 3D.
 
     Attributes:
-        thresholds: from which probability a cell is free or occupied.
+        thresholds: the probabilities from which a cell counts as free or occupied.
         prior: p(x) of a cell that nothing is known of.
     """
 
@@ -42,7 +42,7 @@ class Belief(ABC):
     @property
     @abstractmethod
     def ndim(self) -> int:
-        """2 for a map of the plane, 3 for a map of space."""
+        """2 for a 2D map, 3 for a 3D map."""
 
     @property
     @abstractmethod
@@ -87,11 +87,11 @@ class Belief(ABC):
         """Probabilities with their place in the world.
 
         Raises:
-            InputError: a map of space.
+            InputError: a 3D map.
         """
         if self.ndim != 2:
             raise InputError(
-                "a picture or a ROS map needs a map of the plane, this one is of space: "
+                "a picture or a ROS map needs a 2D map, this one is 3D: "
                 "oddsmap.project makes one of a band of heights (--z-min, --z-max)"
             )
         lo, hi = self._region(region)
@@ -103,15 +103,15 @@ class Belief(ABC):
         )
 
     def to_voxels(self) -> VoxelMap:
-        """Log odds of the observed cells of a map of space.
+        """Log odds of the observed cells of a 3D map.
 
         Raises:
-            InputError: a map of the plane.
+            InputError: a 2D map.
         """
         from oddsmap.maps.voxel_map import VoxelMap
 
         if self.ndim != 3:
-            raise InputError("an OctoMap or a PLY needs a map of space, this one is of the plane")
+            raise InputError("an OctoMap or a PLY needs a 3D map, this one is 2D")
         return VoxelMap(*self.known_log_odds(), self.resolution)
 
     def to_xarray(self, region: Region | None = None) -> xarray.DataArray:

@@ -56,10 +56,10 @@ class Changes:
         """Probabilities of a change with their place in the world; 0 where not observed.
 
         Raises:
-            InputError: cells of space, or none at all.
+            InputError: 3D cells, or none at all.
         """
         if self.index.shape[1] != 2:
-            raise InputError("a picture needs cells of the plane, these are of space: use index")
+            raise InputError("a picture needs 2D cells, these are 3D: use index")
         if len(self.index) == 0:
             raise InputError("no cell was seen in both periods, there is nothing to compare")
         lo, hi = self.index.min(axis=0), self.index.max(axis=0) + 1
@@ -93,7 +93,7 @@ def changed(before: LogOdds, after: LogOdds, *, p_change: float = 0.1) -> Change
         raise ConfigError(f"p_change is a probability between 0 and 1, got {p_change}")
     if not (isinstance(before, LogOdds) and isinstance(after, LogOdds)):
         raise InputError(
-            "changed compares two views of the Bayes filter, one a period: give grid.log_odds(), "
+            "changed compares two views of the Bayes filter, one per period: give grid.log_odds(), "
             f"got {type(before).__name__} and {type(after).__name__}"
         )
     first, second = before.evidence, after.evidence

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The decay-rate map: how soon a beam ends in the matter of a cell.
 
-Along a beam the chance of being reflected within a short way dl is lambda dl, with one decay rate
-lambda [1/m] a cell, so a beam is reflected within a way l with probability 1 - exp(-lambda l). All
-beams together passed a length L inside the cell and hits of them ended there; in lambda their
-likelihood is lambda^hits exp(-lambda L), and with a Gamma(shape, rate) prior the posterior is
+Along a beam the chance of being reflected within a short length dl is lambda dl, with one decay
+rate lambda [1/m] per cell, so a beam is reflected within a length l with probability
+1 - exp(-lambda l). All beams together passed a length L inside the cell and `hits` of them ended
+there. As a function of lambda their likelihood is lambda^hits exp(-lambda L), and with a Gamma(shape, rate) prior the posterior is
 
     lambda | z ~ Gamma(shape + hits, rate + L)
 
@@ -43,7 +43,7 @@ class DecayRate:
     """p(decay rate | z_1:t) of each cell, a Gamma distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
-    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in space. Cells
+    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in 3D. Cells
     without evidence have the values of the prior.
 
     Args:
@@ -147,7 +147,7 @@ class DecayRate:
         }  # fmt: skip
         if name not in known:
             names = ", ".join(get_args(DecayQuantity))
-            raise ConfigError(f"{name!r} is no quantity; known: {names}")
+            raise ConfigError(f"{name!r} is not a quantity; known: {names}")
         return known[name](region)
 
     def cells(self) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -171,12 +171,12 @@ class DecayRate:
             force: True where an existing file may be replaced.
 
         Raises:
-            InputError: a map of space.
+            InputError: a 3D map.
         """
         from oddsmap.plot.quantity import save_quantity
 
         if self.evidence.ndim != 2:
-            raise InputError("a picture needs a map of the plane, this one is of space; write .npz")
+            raise InputError("a picture needs a 2D map, this one is 3D; write .npz")
         lo, _ = self._region(None)
         side = self.evidence.resolution
         grid = ProbabilityMap(

@@ -51,7 +51,7 @@ class LogOdds(Belief):
         prior: p(x) of every cell, or a map of it (`ProbabilityMap`, another map or view,
             `VoxelMap`, `PriorArray`: see `oddsmap.posterior.prior.PriorMap`), the cells that it
             does not know having the configuration's; default: the map's configuration.
-        thresholds: from which probability a cell is free or occupied; likewise.
+        thresholds: the probabilities from which a cell counts as free or occupied; likewise.
         clamp: lowest and highest probability of this view, None: as they are. It bounds the sum
             of all evidence. That is not what a filter does that clamps after each update: its
             result depends on the order of the readings, this one does not.
@@ -102,7 +102,7 @@ class LogOdds(Belief):
 
     @property
     def ndim(self) -> int:
-        """2 for a map of the plane, 3 for a map of space."""
+        """2 for a 2D map, 3 for a 3D map."""
         return self.evidence.ndim
 
     @property

@@ -96,7 +96,7 @@ class PriorMap:
       its own prior's: its prior, its evidence and then the map's evidence, in the Bayes filter's
       order. Nothing is clipped; give it a `clamp` to soften an old map.
     - `EvidenceMap`: its evidence under its own sensor model, on top of the uniform prior.
-    - `VoxelMap`: the leaf that holds the centre, likewise; for maps of space.
+    - `VoxelMap`: the leaf that holds the centre, likewise; for 3D maps.
     - `PriorArray`: the same cells.
 
     Cells unknown to the source have the uniform prior. Probabilities are clipped to
@@ -115,7 +115,7 @@ class PriorMap:
 
     def __init__(self, source: PriorSource, evidence: Evidence, uniform: float) -> None:
         if isinstance(source, FilterView) and source.evidence is evidence:
-            raise InputError("a map is no prior of itself: its evidence would count twice")
+            raise InputError("a map cannot be its own prior: its evidence would count twice")
         self.uniform = float(logit(uniform))
         self.ndim = evidence.ndim
         self._known, ndim = _reader(source, evidence.resolution)
@@ -124,9 +124,8 @@ class PriorMap:
         if isinstance(source, FilterView) and source.evidence.resolution == evidence.resolution:
             self._same = source
         if ndim != self.ndim:
-            places = {2: "the plane", 3: "space"}
             raise InputError(
-                f"the prior is a map of {places[ndim]}, this map is of {places[self.ndim]}; "
+                f"the prior is a {ndim}D map, this map is {self.ndim}D; "
                 f"give a prior of {self.ndim} dimensions"
             )
 

@@ -34,7 +34,7 @@ class Reflection(BetaView):
     """p(reflectivity | z_1:t) of each cell, a Beta distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
-    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in space. Cells
+    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in 3D. Cells
     without evidence have the values of the Beta(a, b) prior.
 
     Args:
@@ -81,7 +81,7 @@ class Reflection(BetaView):
 
     @property
     def ndim(self) -> int:
-        """2 for a map of the plane, 3 for a map of space."""
+        """2 for a 2D map, 3 for a 3D map."""
         return self.evidence.ndim
 
     @property

@@ -42,7 +42,7 @@ class BetaView(ABC):
     """p(reflectivity | z_1:t) of each cell, a Beta distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
-    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in space. Cells
+    box of known cells. Arrays have shape (ny, nx), row = y ascending; (nz, ny, nx) in 3D. Cells
     of which nothing is known have the values of the Beta(a, b) prior.
 
     Args:
@@ -73,7 +73,7 @@ class BetaView(ABC):
     @property
     @abstractmethod
     def ndim(self) -> int:
-        """2 for a map of the plane, 3 for a map of space."""
+        """2 for a 2D map, 3 for a 3D map."""
 
     @property
     @abstractmethod
@@ -183,14 +183,14 @@ class BetaView(ABC):
             "mean": self.mean, "mode": self.mode, "std": self.std, "p-above": self.p_above
         }  # fmt: skip
         if name not in known:
-            raise ConfigError(f"{name!r} is no quantity; known: {', '.join(get_args(Quantity))}")
+            raise ConfigError(f"{name!r} is not a quantity; known: {', '.join(get_args(Quantity))}")
         return known[name](region)
 
     def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
-        """The mean with its place in the world; maps of the plane only.
+        """The mean with its place in the world; 2D maps only.
 
         Raises:
-            InputError: a map of space.
+            InputError: a 3D map.
         """
         return self._plane("mean", region)
 
@@ -207,7 +207,9 @@ class BetaView(ABC):
         from oddsmap.map_files.ros_writer import save_ros
 
         if mode == "trinary":
-            raise ConfigError(f'{path}: a mean reflectivity is no state; use mode "scale" or "raw"')
+            raise ConfigError(
+                f'{path}: a mean reflectivity is not a state; use mode "scale" or "raw"'
+            )
         return save_ros(
             self.to_probability_map(),
             Path(path),
@@ -273,7 +275,7 @@ class BetaView(ABC):
     def _plane(self, name: Quantity, region: Region | None = None) -> ProbabilityMap:
         if self.ndim != 2:
             raise InputError(
-                "a picture or a ROS map needs a map of the plane, this one is of space; "
+                "a picture or a ROS map needs a 2D map, this one is 3D; "
                 "write its reflectivity as .npz"
             )
         lo, hi = self._region(region)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where the ground is, roughly: a plane through the lowest surfaces of a map of space.
+"""Where the ground is, roughly: a plane through the lowest surfaces of a 3D map.
 
 A map's z axis is seldom plumb: a tilt of 2 degrees lifts the floor by 1.75 m over 50 m, and no
 band of absolute heights holds the obstacles of both ends. `ground_surface` starts from this plane.
@@ -88,7 +88,7 @@ def lowest_of_columns(index: IntArray) -> IntArray:
         index: cells, shape (n, 3), x first, in any order.
 
     Returns:
-        Shape (m, 3), one row a column.
+        Shape (m, 3), one row per column.
     """
     cells = index[np.lexsort(index.T[::-1])]
     first = np.ones(len(cells), np.bool_)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A map of the plane from a map of space: what stands in a band of heights.
+"""A 2D map from a 3D map: what lies in a band of heights.
 
 A column is as occupied as the most occupied of its seen cells. The other candidate, that at least
 one cell is occupied, 1 - prod (1 - p), takes the cells' errors for independent: 20 cells, each
@@ -47,7 +47,7 @@ def project(
     *,
     ground: Ground = None,
 ) -> ProbabilityMap:
-    """Project a band of heights of a map of space to the plane.
+    """Project a band of heights of a 3D map to a 2D map.
 
     A cell belongs to the band where its centre does: z_min <= z < z_max. Its column is observed
     where any cell of the band is, with the largest probability among those.
@@ -67,7 +67,7 @@ def project(
         The rectangle of all known columns, whatever their height.
 
     Raises:
-        InputError: a map of the plane, or no occupied cell to find the ground by.
+        InputError: a 2D map, or no occupied cell to find the ground by.
         ConfigError: not z_min < z_max.
         MapTooLargeError: a rectangle of more than 2^31 columns.
     """
@@ -75,7 +75,7 @@ def project(
         raise ConfigError(f"a height band needs z_min < z_max [m], got {z_min} and {z_max}")
     view = LogOdds(source) if isinstance(source, Evidence) else source
     if isinstance(view, Belief) and view.ndim != 3:
-        raise InputError("only a map of space can be projected, this one is of the plane already")
+        raise InputError("only a 3D map can be projected, this one is 2D already")
     resolution = view.resolution
     index, probability = view.cells()
     if len(index) == 0:
@@ -84,12 +84,12 @@ def project(
     lo, hi = index[:, :2].min(axis=0), index[:, :2].max(axis=0) + 1
     nx, ny = (int(n) for n in hi - lo)
     if nx * ny > _MAX_CELLS:
-        raise MapTooLargeError(f"the plane would have {nx} x {ny} cells; crop the map first")
+        raise MapTooLargeError(f"the 2D map would have {nx} x {ny} cells; crop the map first")
     z = (index[:, 2] + 0.5) * resolution
     if ground is not None:
         limit = Thresholds() if isinstance(view, VoxelMap) else view.thresholds
         surface = _surface(ground, index, probability, limit, resolution)
-        # Once a column, not once a cell: cells outnumber columns.
+        # Once per column, not once per cell: cells outnumber columns.
         number, cell = np.unique((index[:, :2] - lo) @ [1, nx], return_inverse=True)
         x, y = (number % nx + lo[0] + 0.5) * resolution, (number // nx + lo[1] + 0.5) * resolution
         z -= np.broadcast_to(np.asarray(surface(x, y), np.float64), x.shape)[cell]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""CARMEN logs: text, one message a line (`carmen_messages.py` reads one of them).
+"""CARMEN logs: text, one message per line (`carmen_messages.py` reads one of them).
 
 What is particular about these logs:
 - Time stamps are damaged in many of them (cut to 6 digits, all zero, wrapped): the order of the
@@ -9,7 +9,7 @@ What is particular about these logs:
   is not used: it is a setting of CARMEN's navigation, and logs that say 80.99 m there
   (freiburg-079, belgioioso) hold 81.91 m as their number.
 - `#` starts a comment, which may contain the word FLASER. ODOM, NEFF, SYNC and the like hold no
-  readings and are passed over; RAWLASER holds readings without a pose, which a note says.
+  readings and are ignored; RAWLASER holds readings without a pose, which a note says.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def _find_range_max(lines: list[LaserLine], notes: list[Note]) -> float | None:
 
 
 def _note_assumptions(lines: list[LaserLine], kinds: Counter[str], notes: list[Note]) -> None:
-    """Say what a person should know before trusting a map of these scans."""
+    """Note what to know before trusting a map of these scans."""
     stamps = [line.stamp_ns for line in lines if line.stamp_ns is not None]
     stuck = sum(later <= earlier for earlier, later in pairwise(stamps))
     if stuck:

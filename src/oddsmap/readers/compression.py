@@ -99,7 +99,9 @@ def _read_bytes(path: Path, name: str) -> bytes:
     except FileNotFoundError:
         raise InputError(f"{name}: no such file: check the path") from None
     except IsADirectoryError:
-        raise InputError(f"{name}: is a directory, a log is one file: name a file in it") from None
+        raise InputError(
+            f"{name}: is a directory, a log is one file: give the path of a file in it"
+        ) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
         what = getattr(error, "strerror", None) or error
         raise InputError(

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """KITTI velodyne scans: float32 x, y, z [m] and intensity, little-endian, and nothing else.
 
-Nothing in such a file says what it is: `.bin` files are read as scans of a folder only.
+Nothing in such a file says what it is, so `.bin` files are read only as scans in a folder.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def read_kitti_bin(source: Source) -> Cloud:
     size = len(source.content)
     if size % _RECORD:
         raise InputError(
-            f"{source.path}: {size} bytes, which is no multiple of {_RECORD} (float32 x y z "
+            f"{source.path}: {size} bytes, which is not a multiple of {_RECORD} (float32 x y z "
             "intensity): copy the file again, or convert it if its points have other fields"
         )
     records = np.frombuffer(source.content, "<f4").reshape(-1, 4)

@@ -3,7 +3,7 @@
 
 | key | |
 |---|---|
-| `beams` | of the plane, (n, 4): sensor x, y [m], heading of the beam [rad], range [m]; of space, (n, 7): sensor x, y, z [m], direction of the beam x, y, z (a unit vector), range [m] |
+| `beams` | 2D, (n, 4): sensor x, y [m], heading of the beam [rad], range [m]; 3D, (n, 7): sensor x, y, z [m], direction of the beam x, y, z (a unit vector), range [m] |
 | `scan` | (n,) integers, optional: beams of equal number are one scan; without it, consecutive beams of equal position and stamp are |
 | `stamp_ns` | (n,) whole numbers, optional: time of each beam [ns]; those of one scan are equal |
 | `range_max` | [m], optional: a range at or above it is "nothing seen" |
@@ -72,7 +72,7 @@ def open_npz_beams(source: Source) -> LoadedLog:
         the file does, and `cone_deg` where beams are wider than 1 degree.
 
     Raises:
-        InputError: a corrupt file, a missing or misshapen array, a direction that is no unit
+        InputError: a corrupt file, a missing or misshapen array, a direction that is not a unit
             vector, a scan at two positions or of two stamps, or no usable beam.
     """
     path = source.path

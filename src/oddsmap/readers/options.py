@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the caller says of a log that its files do not."""
+"""What the caller states about a log because its files do not."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """PCD, the format of the Point Cloud Library: `ascii`, `binary` and `binary_compressed`.
 
-Fields x, y and z are floats of 4 or 8 bytes, anywhere among the others, which are passed over. A
+Fields x, y and z are floats of 4 or 8 bytes, anywhere among the others, which are ignored. A
 text of a 4-byte field is rounded to 4 bytes. VIEWPOINT is the pose of the sensor (x y z qw qx qy
 qz); points are in the frame of the sensor.
 

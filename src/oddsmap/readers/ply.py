@@ -2,7 +2,7 @@
 """PLY, the polygon format: ascii and binary of both byte orders, vertices alone.
 
 Properties x, y and z of the element `vertex` are floats of 4 or 8 bytes; other properties and
-elements (faces) are passed over. Lists within or before the vertices, which no point cloud has,
+elements (faces) are ignored. Lists within or before the vertices, which no point cloud has,
 are refused. PLY holds no pose.
 
 Source: Turk, The PLY polygon file format (1994).
@@ -109,7 +109,7 @@ def _read_header(source: Source) -> tuple[str, list[_Element], int, int]:
                 pass
             case _:
                 line = " ".join(words)[:60]
-                raise InputError(f"{path}:{number}: {line!r} is no line of a PLY header")
+                raise InputError(f"{path}:{number}: {line!r} is not a line of a PLY header")
     if not encoding:
         raise InputError(f"{path}: the PLY header has no format line: check what wrote the file")
     return encoding, elements, start, number + 1

@@ -113,7 +113,7 @@ def match_poses(
     if trajectory.stamps_ns is not None:
         notes.append(
             Note(
-                "the scans have no stamps: poses are taken in their order, one a scan",
+                "the scans have no stamps: poses are taken in their order, one per scan",
                 code="pose.by_order",
                 severity="warning",
             )

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pose files: KITTI (12 numbers a row: 3 x 4, row-major) and TUM (`t x y z qx qy qz qw`).
+"""Pose files: KITTI (12 numbers per row: 3 x 4, row-major) and TUM (`t x y z qx qy qz qw`).
 
 The two are told apart by the count of numbers in the first row. Empty lines and `#` comments are
-passed over. A pose that cannot be used is an error with its line: a file of poses with one row
+ignored. A pose that cannot be used is an error with its line: a file of poses with one row
 left out would match the wrong scans.
 """
 
@@ -32,7 +32,7 @@ def read_trajectory(
 
     Args:
         path: KITTI or TUM poses.
-        times: stamps of KITTI poses, one number of seconds a row; None: they have no stamps.
+        times: stamps of KITTI poses, one number of seconds per row; None: they have no stamps.
 
     Raises:
         InputError: a row with another count of numbers, NaN, a quaternion that is not of unit
@@ -72,7 +72,7 @@ def read_trajectory(
 
 
 def read_times(path: str | os.PathLike[str]) -> npt.NDArray[np.int64]:
-    """Read a file of one time in seconds a row; returns nanoseconds, shape (n,).
+    """Read a file of one time in seconds per row; returns nanoseconds, shape (n,).
 
     Raises:
         InputError: a row that is not one number, or no row at all.

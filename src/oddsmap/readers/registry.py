@@ -52,7 +52,7 @@ class Reader:
 def _alone(
     name: str, open_source_alone: Callable[[Source], Log]
 ) -> Callable[[Source, ReadOptions], Log]:
-    """A reader of logs of the plane, which say everything themselves."""
+    """A reader of 2D logs, which need no options: they state everything themselves."""
 
     def open_alone(source: Source, options: ReadOptions) -> Log:
         options.refuse(source.path, name, "poses", "times", "body_from_sensor", "camera")
@@ -101,7 +101,7 @@ def open_log(
         skip_bad: skip files of a folder that cannot be read and count them (`scan.unreadable`),
             and images without a pose (`scan.no_pose`). Of a truncated or corrupt gzip or bzip2
             file, or scan graph, use the readable part and count `container.truncated`.
-        times: the stamp of each scan, one number of seconds a line; by default `times.txt` in a
+        times: the stamp of each scan, one number of seconds per line; by default `times.txt` in a
             folder of point clouds.
         body_from_sensor: pose of the sensor in the frame whose poses are given.
         camera: the intrinsics of depth images; by default those in the folder.

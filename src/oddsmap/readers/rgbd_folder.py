@@ -136,9 +136,7 @@ def _read_list(folder: Path) -> tuple[list[Path], npt.NDArray[np.int64]]:
     for row in rows:
         pairs = list(zip(row.words[::2], row.words[1::2], strict=False))
         if len(row.words) not in (2, 4):
-            raise InputError(
-                f"{row.where}: {len(row.words)} words: a stamp and a file are expected"
-            )
+            raise InputError(f"{row.where}: {len(row.words)} words: expected a stamp and a file")
         if len(pairs) == 2:  # depth and colour, in either order
             pairs = [pair for pair in pairs if "depth" in pair[1].lower()]
             if len(pairs) != 1:
@@ -242,7 +240,7 @@ def _read_image(path: Path, layout: _Layout, camera: PinholeCamera) -> npt.NDArr
             f"{camera.width} x {camera.height}: give the camera of this image"
         )
     if not mode.startswith("I"):
-        raise InputError(f"{path}: a {mode} image: depth images are gray with 16 bits a pixel")
+        raise InputError(f"{path}: a {mode} image: depth images are gray with 16 bits per pixel")
     depth = units.astype(np.float32) / np.float32(layout.units_per_metre)
     for value in layout.invalid:
         depth[units == value] = 0.0

@@ -75,7 +75,7 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         name: the folder, as the caller wrote it.
         suffix: which kind of `KINDS` the files are.
         files: the files in order.
-        options: what the caller says of the log.
+        options: what the caller states about the log.
 
     Raises:
         InputError: no poses, or counts that do not fit.

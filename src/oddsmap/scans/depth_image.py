@@ -123,7 +123,7 @@ class DepthScan:
         return int(self.depth.size)
 
     def to_scan(self) -> Scan:
-        """One beam a pixel, row by row; pixels without information have range NaN."""
+        """One beam per pixel, row by row; pixels without information have range NaN."""
         depth = self.depth.astype(np.float64)
         with np.errstate(invalid="ignore"):
             ranges = np.where(

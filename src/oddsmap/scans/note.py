@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a person should know before trusting a map of a log."""
+"""What to know before trusting a map of a log."""
 
 from __future__ import annotations
 

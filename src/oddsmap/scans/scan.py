@@ -32,7 +32,7 @@ class Scan:
         beam_times_ns: time of each beam [ns], shape (n,), where they were not taken at once.
         beam_origins: where each beam starts in the sensor frame [m], shape (n, d); None: at the
             sensor. A scan taken while the sensor moved has one for each beam, or for each group
-            of beams taken at once; it is still one measurement, with one vote a cell.
+            of beams taken at once; it is still one measurement, with one vote per cell.
 
     Raises:
         InputError: the shapes do not fit each other.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Small worlds to try things in, and sensors that look at them.
 
-In the plane a floor plan, an office, a drive through it and a camera that looks down on it; in
+In 2D a floor plan, an office, a drive through it and a camera that looks down on it; in
 space a town for a lidar on a car and a room for a depth camera.
 
 Example:

@@ -32,7 +32,7 @@ _HEADER = (
 )
 _HOST = "oddsmap"
 
-# Time between scans without a stamp: 5 scans a second, the pace of a SICK on a serial line.
+# Time between scans without a stamp: 5 scans per second, the pace of a SICK on a serial line.
 _PERIOD_NS = 200_000_000
 
 # Directions that differ by more than this [rad] are another fan; 1 nrad is 0.1 um at 80 m.
@@ -51,14 +51,14 @@ def write_carmen(
 
     Args:
         path: the log; with the suffix `.gz` it is compressed.
-        scans: of a lidar in the plane whose beams are the fan CARMEN takes for granted:
+        scans: of a 2D lidar whose beams are the fan CARMEN takes for granted:
             n beams from -90 degrees on, 180/n degrees apart (n even) or 180/(n - 1) (n odd).
         no_return: written for +Inf [m]; 81.83 is what a SICK gives.
         force: True where an existing file may be replaced.
 
     Raises:
         ConfigError: `no_return` is not positive and finite.
-        InputError: a scan that such a log cannot hold (another fan, a pose in space or one that
+        InputError: a scan that such a log cannot hold (another fan, a 3D pose or one that
             is not finite, a negative or NaN range, a range at or above `no_return`), or no scan.
         OutputError: the file exists or cannot be written. No error leaves a new file.
     """
@@ -104,7 +104,7 @@ def _lines(scans: Iterable[Scan], no_return: float, path: Path) -> Iterator[str]
 def _check_fan(directions: FloatArray, where: str) -> None:
     n = len(directions)
     if directions.shape[1] != 2:
-        raise InputError(f"{where}: CARMEN logs hold scans in the plane, this one is in space")
+        raise InputError(f"{where}: CARMEN logs hold 2D scans, this one is 3D")
     if n < 2:
         raise InputError(f"{where}: a CARMEN fan needs at least 2 beams, got {n}")
     step = math.pi / (n if n % 2 == 0 else n - 1)
@@ -135,7 +135,7 @@ def _range_words(ranges: FloatArray, no_return: float, where: str) -> list[str]:
 def _pose_words(scan: Scan, where: str) -> str:
     pose = scan.map_from_sensor
     if not isinstance(pose, Pose2):
-        raise InputError(f"{where}: CARMEN logs hold poses in the plane, this one is in space")
+        raise InputError(f"{where}: CARMEN logs hold 2D poses, this one is 3D")
     if not pose.is_finite:
         raise InputError(f"{where}: the pose is not finite: {pose}")
     return f"{float(pose.x)!r} {float(pose.y)!r} {float(pose.theta)!r}"

@@ -30,7 +30,7 @@ _NOT_UNIT = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class FloorPlan:
-    """Solid obstacles in the plane; they may touch and overlap, and the rest is free.
+    """Solid 2D obstacles; they may touch and overlap, and the rest is free.
 
     Args:
         obstacles: rectangles, discs and polygons; see also `walls_around`.

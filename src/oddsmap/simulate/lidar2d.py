@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A scanning lidar in the plane, with noise, dropouts and random readings."""
+"""A scanning 2D lidar, with noise, dropouts and random readings."""
 
 from __future__ import annotations
 

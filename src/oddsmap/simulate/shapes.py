@@ -147,5 +147,5 @@ def _check_polygon(vertices: FloatArray) -> None:
     area = abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))) / 2
     if area < _THINNEST * float(lengths.max()):
         raise InputError(
-            f"Polygon: the corners enclose no area ({area:.3g} m2): a line is no solid"
+            f"Polygon: the corners enclose no area ({area:.3g} m2): a line is not a solid"
         )

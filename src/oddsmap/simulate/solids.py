@@ -181,7 +181,7 @@ def _between(x: FloatArray, dx: FloatArray, half: float) -> tuple[FloatArray, Fl
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = (-half - x) / dx, (half - x) / dx
     low, high = np.minimum(one, other), np.maximum(one, other)
-    # dx = 0: for ever between the two sides, or never; 0/0 on a side itself counts as between.
+    # dx = 0: always between the two sides, or never; 0/0 on a side itself counts as between.
     still = dx == 0.0
     if still.any():
         between = np.abs(x) <= half

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ring of sonars in the plane: the nearest surface in each cone, with noise and faults.
+"""A ring of sonars in 2D: the nearest surface in each cone, with noise and faults.
 
 Readings come from the true geometry of a grid, not from a sensor model of range bins, so that an
 estimator is not tried on its own assumptions. Readings drawn from the model itself are
