@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Occupancy mapping: range-sensor readings from known poses in, a probabilistic map out.
+"""Occupancy mapping: from range-sensor readings at known poses to a probabilistic map.
 
     log = oddsmap.open_log("intel.log.gz")
     grid = oddsmap.build_map(log, resolution=0.05)

@@ -47,9 +47,9 @@ def test_a_header_that_promises_more_says_both_numbers(tmp_path: Path, encoding:
         (b"float x", b"quad x", r"a\.ply:8: 'property quad x' is not a line of a PLY header"),
         (b"short nx", b"list uchar int nx", "a list in the PLY element `vertex`"),
         (b"double focus", b"list uchar int focus", "a list in the PLY element `camera`"),
-        (b"end_header\n", b"", "no line of a PLY header|has no end_header"),
+        (b"end_header\n", b"", "not a line of a PLY header|has no end_header"),
         (b"format binary_little_endian 1.0\n", b"", "has no format line"),
-        (b"binary_little_endian", b"binary_middle", "no line of a PLY header"),
+        (b"binary_little_endian", b"binary_middle", "not a line of a PLY header"),
     ],
 )
 def test_headers(tmp_path: Path, old: bytes, new: bytes, message: str) -> None:

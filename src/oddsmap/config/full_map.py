@@ -26,9 +26,9 @@ class FullMapConfig:
             by Gibbs sampling, exact but for chance in the long run: the reference, a few times
             slower and on one thread. "map": one map that no single cell can improve, by hill
             climbing. These two start from where sum-product ends, with the fields below.
-        prior: p(x) of a cell before any reading, before its neighbours are considered; None: 0.475 in
-            2D, 0.1 in 3D. Hundreds of unseen cells share a cone: if each is believed to be occupied
-            with a small probability, a beam that nothing returned is taken for a dropout.
+        prior: p(x) of a cell before any reading and before its neighbours are considered; None:
+            0.475 in 2D, 0.1 in 3D. Hundreds of unseen cells share a cone: if each is believed to
+            be occupied a little, a beam that nothing returned is taken for a dropout.
         coupling: strength J of the Ising prior exp(J [m_i = m_j]) on cells that share a side; None:
             0.8 in 2D, 0.4 in 3D, by the sonar benchmark and by held-out readings. Belief
             propagation takes sides by itself from ln 2 = 0.69 in 2D and ln 1.5 = 0.41 in

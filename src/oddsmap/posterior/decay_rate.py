@@ -4,7 +4,8 @@
 Along a beam the chance of being reflected within a short length dl is lambda dl, with one decay
 rate lambda [1/m] per cell, so a beam is reflected within a length l with probability
 1 - exp(-lambda l). All beams together passed a length L inside the cell and `hits` of them ended
-there. As a function of lambda their likelihood is lambda^hits exp(-lambda L), and with a Gamma(shape, rate) prior the posterior is
+there. As a function of lambda their likelihood is lambda^hits exp(-lambda L), and with a
+Gamma(shape, rate) prior the posterior is
 
     lambda | z ~ Gamma(shape + hits, rate + L)
 

@@ -40,7 +40,7 @@ class Reader:
     Args:
         name: name of the format in the plural, for people.
         matches: whether the first 64 KiB of decompressed content are of this format.
-        open: reads the whole content, with what the caller says of it; raises InputError where no
+        open: reads the whole content, with the caller's options; raises InputError where no
             usable scan is in it.
     """
 
@@ -68,7 +68,7 @@ def _open_npz(source: Source, options: ReadOptions) -> Log:
     return _alone("an NPZ beam log", npz_beams.open_npz_beams)(source, options)
 
 
-# Asked in this order: formats with magic bytes first, texts after them.
+# Tried in this order: formats with magic bytes first, texts after them.
 READERS: tuple[Reader, ...] = (
     Reader("NPZ beam and grid logs", npz_beams.matches, _open_npz),
     Reader("PCD scans", pcd.matches, scan_folder.open_single_cloud("PCD", pcd.read_pcd)),
@@ -90,9 +90,9 @@ def open_log(
 ) -> Log:
     """Open a log of range readings with poses: a file, or a folder of scans.
 
-    The format is recognized by its content, under gzip or bzip2 as well. A bad line or reading is
-    skipped and counted in the log's `skipped`, always. The scans of a folder are read one by one
-    while one iterates, and not kept.
+    The format is recognized by its content, also under gzip or bzip2. A bad line or reading is
+    always skipped and counted in the log's `skipped`. The scans of a folder are read one by one
+    during iteration and are not kept.
 
     Args:
         path: the file, or a folder of point clouds or depth images.
@@ -112,7 +112,7 @@ def open_log(
 
     Raises:
         InputError: the file cannot be read, is of no known format, or holds no usable scan; poses
-            are missing, or do not fit the scans; or an argument says what the log says itself.
+            are missing, or do not fit the scans; or an argument states what the log states itself.
     """
     options = ReadOptions(
         poses=poses,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Logs of many files, or of one large file: a scan is read when it is asked for, and not kept."""
+"""Logs of many files, or of one large file: a scan is read on demand and not kept."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class LazyLog:
         read_scan: reads the scan of a number; raises InputError where it cannot be read.
         skip_bad: skip such a scan and count it (`scan.unreadable`, or `scan.no_pose` where there
             is no pose near its stamp), instead of raising.
-        opening_notes: what a person should know before anything is read.
+        opening_notes: what to know before anything is read.
         opening_skipped: what had to be skipped to open the log, by reason.
-        sensor: what the log says of its sensor.
+        sensor: what the log states about its sensor.
     """
 
     path: str
@@ -56,7 +56,7 @@ class LazyLog:
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """What a person should know of this log, one sentence each."""
+        """What to know about this log, one sentence each."""
         if not self._bad:
             return self.opening_notes
         first = self._bad[min(self._bad)]

@@ -17,11 +17,11 @@ __all__ = ["Log", "SensorInfo", "scan_count"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorInfo:
-    """What a log says of one sensor.
+    """What a log states about one sensor.
 
     Args:
         settings: by the names of the configuration: `range_max` [m], `cone_deg` [deg]...
-        body_from_sensor: where it sits on the body; None where the log does not say, or where its
+        body_from_sensor: where it is mounted on the body; None where the log does not state it, or where its
             poses are those of the sensor.
     """
 
@@ -32,7 +32,7 @@ class SensorInfo:
 class Log(Protocol):
     """A stream of measurements with their poses, and what had to be skipped to get them.
 
-    Measurements are read on demand where a log is large; none is kept by the log then. Each has
+    A large log reads its measurements on demand and does not keep them. Each measurement has
     the id of the sensor that made it (`sensor_id`), one of the keys of `sensors`.
     """
 
@@ -50,7 +50,7 @@ class Log(Protocol):
 
     @property
     def sensor(self) -> Mapping[str, float]:
-        """What the log says of all its sensors alike, by the names of the configuration."""
+        """What the log states about all its sensors, by the names of the configuration."""
 
     @property
     def scan_count(self) -> int | None:
@@ -62,7 +62,7 @@ class Log(Protocol):
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """What a person should know of this log, one sentence each."""
+        """What to know about this log, one sentence each."""
 
     def __len__(self) -> int:
         """`scan_count`.

@@ -29,9 +29,9 @@ class LoadedLog:
     Args:
         path: where the log was read from, as the caller wrote it.
         format: name of the format, for people.
-        sensor: what the log says of its sensor, by the names of the configuration.
+        sensor: what the log states about its sensor, by the names of the configuration.
         skipped: lines and scans that could not be read, by reason.
-        notes: what a person should know of this log, one sentence each.
+        notes: what to know about this log, one sentence each.
         scans: the scans in file order.
         bad_lines: the first few lines that were skipped, for messages.
     """

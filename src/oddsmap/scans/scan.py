@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A measurement z_t with its pose, and what a log is."""
+"""A measurement z_t of ranges, with its pose."""
 
 from __future__ import annotations
 

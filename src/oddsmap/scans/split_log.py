@@ -47,7 +47,7 @@ class PartOfLog:
 
     @property
     def sensor(self) -> Mapping[str, float]:
-        """What the log says of its sensor."""
+        """What the log states about its sensor."""
         return self.log.sensor
 
     @property
@@ -57,7 +57,7 @@ class PartOfLog:
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """What a person should know of the log."""
+        """What to know about the log."""
         return self.log.notes
 
     @property
