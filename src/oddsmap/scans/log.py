@@ -21,8 +21,8 @@ class SensorInfo:
 
     Args:
         settings: by the names of the configuration: `range_max` [m], `cone_deg` [deg]...
-        body_from_sensor: where it is mounted on the body; None where the log does not state it, or where its
-            poses are those of the sensor.
+        body_from_sensor: pose of the sensor on the body; None where the log does not state it, or
+            where its poses are those of the sensor.
     """
 
     settings: Mapping[str, float] = field(default_factory=dict)
