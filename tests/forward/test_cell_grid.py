@@ -41,8 +41,8 @@ def test_numbers_and_sides(d: int, data: st.DataObject) -> None:
     count = len(numbers)
     assert field.coords.tolist() == [list(block) for block in numbers]
     assert field.belief.shape == field.observed.shape == (count * field.block_cells,)
-    assert field.told.shape == (count * field.block_cells, 2 * d)
-    assert not field.told.any()
+    assert field.received.shape == (count * field.block_cells, 2 * d)
+    assert not field.received.any()
     assert not field.observed.any()
     rows = field.belief.reshape(count, field.block_cells)
     for number, i in marked.items():
@@ -52,7 +52,7 @@ def test_numbers_and_sides(d: int, data: st.DataObject) -> None:
         for axis in range(d):
             for up in (0, 1):
                 other = tuple(x + (2 * up - 1 if a == axis else 0) for a, x in enumerate(block))
-                assert field.beside()[number, 2 * axis + up] == numbers.get(other, -1)
+                assert field.block_neighbours()[number, 2 * axis + up] == numbers.get(other, -1)
                 assert field.find(np.array([other])) == [numbers.get(other, -1)]
 
 

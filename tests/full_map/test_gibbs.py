@@ -156,6 +156,6 @@ def test_bad_input() -> None:
     with pytest.raises(InputError, match=r"9 cells has shape \(9,\), got \(3, 3\)"):
         hill_climb(graph, start=np.zeros(SHAPE, np.bool_))
     with pytest.raises(InputError, match="there are 4"):
-        FactorGraph(graph.rows, graph.noise, np.ones(1), graph.beside[:4])
+        FactorGraph(graph.rows, graph.noise, np.ones(1), graph.neighbours[:4])
     with pytest.raises(InputError, match="detection is one number or one for each of 9 cells"):
-        FactorGraph(graph.rows, graph.noise, np.ones(3), graph.beside)
+        FactorGraph(graph.rows, graph.noise, np.ones(3), graph.neighbours)
