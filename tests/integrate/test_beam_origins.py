@@ -139,8 +139,51 @@ def test_full_maps_start_beams_where_they_start() -> None:
 
 
 def test_cones_take_none() -> None:
-    with pytest.raises(InputError, match="beam_origins, which are for narrow beams"):
-        build_map([moving_scan(2, 2, 0)], 0.25, sensor=ConeSensor(cone_deg=20.0))
+    sensor = ConeSensor(cone_deg=20.0, range_max=8.0)
+    for build in (build_map, build_full_map):
+        with pytest.raises(InputError, match="beam_origins, which are for narrow beams"):
+            build([moving_scan(2, 2, 0)], 0.25, sensor=sensor)
+
+
+@pytest.mark.parametrize("nothing", [np.nan, np.inf])
+def test_a_beam_from_nowhere_says_nothing(nothing: float) -> None:
+    scan = moving_scan(2, 4, seed=2)
+    assert scan.beam_origins is not None
+    origins = scan.beam_origins.copy()
+    origins[5, 0] = nothing
+    lost = Scan(scan.map_from_sensor, scan.directions, scan.ranges, beam_origins=origins)
+    sensor = BeamSensor(range_max=8.0)
+    for report in (
+        mapped([lost], sensor).report,
+        build_full_map([lost], 0.25, sensor=sensor).report,
+    ):
+        assert report is not None
+        assert (report.scans, report.beams, report.skipped) == (1, 39, {"beam.nan": 1})
+
+
+def test_a_scan_too_far_away_is_counted_on_each_way() -> None:
+    pose, directions, ranges = Pose2(0.0, 0.0, 0.0), np.eye(2), np.ones(2)
+    far = Scan(pose, directions, ranges, beam_origins=np.array([[0.0, 0.0], [2.0**47, 0.0]]))
+    back = Scan(
+        Pose2(2.0**46, 0.0, 0.0), directions, ranges, beam_origins=np.full((2, 2), [-(2.0**46), 0])
+    )
+    sensor = BeamSensor(range_max=8.0)
+    for report in (
+        mapped([far, back], sensor).report,
+        build_full_map([far, back], 0.25, sensor=sensor).report,
+    ):
+        assert report is not None
+        assert (report.scans, report.beams, report.skipped) == (1, 2, {"scan.pose_too_far": 1})
+
+
+def test_lists_will_do() -> None:
+    scan = Scan(
+        Pose2(0.0, 0.0, 0.0),
+        np.eye(2),
+        np.ones(2),
+        beam_origins=[[0, 0], [1, 0]],  # type: ignore[arg-type]
+    )
+    assert len(votes_of(mapped([scan], SENSORS[0]))) > 4
 
 
 def test_shapes_are_checked() -> None:

@@ -154,5 +154,31 @@ def test_an_upgrade_runs_the_new_code(tmp_path: Path, cache: str) -> None:
     assert run() == (10, 1), "the second start finds the code of the first"
     assert list(kept.rglob("*.nbi"))
     install(step=8)
+    # Killed when the index is written and the data is not: the old data must not count.
+    broken = (
+        "import os; from numba.core.caching import IndexDataCacheFile as File\n"
+        "File._save_data = lambda *_: os._exit(7)\n"
+        "from toy.outer import answer; answer(1)"
+    )
+    done = subprocess.run([sys.executable, "-c", broken], env=environment, check=False)
+    assert done.returncode == 7
     assert run() == (9, 0), "the old code is not taken for the new"
     assert run() == (9, 1)
+
+
+@pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="nothing is compiled")
+def test_without_a_folder_for_the_cache_it_compiles_anew(tmp_path: Path) -> None:
+    code = (
+        "from numba.core import caching\n"
+        "caching.CacheImpl._locator_classes = []\n"
+        "from oddsmap.kernels.trace.readings import SEEN, judge_all\n"
+        "import numpy as np\n"
+        "verdict, reach = np.zeros(1, np.uint8), np.zeros(1)\n"
+        "judge_all(np.ones(1), (0.0, 2.0, 2.0, 2.0), verdict, reach)\n"
+        "print(verdict[0] == SEEN)"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(KERNELS.parent.parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "True\n", done.stderr

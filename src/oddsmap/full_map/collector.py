@@ -8,6 +8,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from oddsmap.config.config import Config
@@ -68,7 +69,7 @@ class BeamCollector:
         path = getattr(log, "path", None)
         self.provenance.append(
             {
-                "source": None if path is None else str(path).rsplit("/", 1)[-1],
+                "source": None if path is None else Path(path).name,
                 "scans": len(self._scans) - before,
                 "sensor": settings_of(self._sensor),
                 "estimator": self._estimator,

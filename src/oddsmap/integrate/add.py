@@ -2,7 +2,7 @@
 """Scans and a sensor model to evidence: the mapping itself.
 
 for each batch of scans:                # threads.py: shared among threads
-integrator.add(batch)               # integrator.py: which one
+integrator.add(batch)               # integrator.py: which class
 segments = sensor.segments()    # sensors/beam.py: metres, map frame
 cells = to_cells(segments)      # to_cells.py: position / resolution
 votes into tiles                # rays2d.py, rays3d.py: exact

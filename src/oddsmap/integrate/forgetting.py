@@ -10,14 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 from oddsmap.errors import InputError
 from oddsmap.kernels.units import ONE
 from oddsmap.scans.measurement import Measurement
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["by_weight", "last_stamp", "scan_weight"]
 

@@ -29,17 +29,21 @@ def compile_kernels(evidence: Evidence, sensor: Sensor, method: str) -> float:
         or not getattr(sensor, "whole_votes", True)
     )
     lengths = evidence.lengths is not None
-    return warm_up(_map_a_toy, evidence.ndim, sensor.kind, weights, lengths, method)
+    return warm_up(
+        _map_a_toy, evidence.ndim, sensor.evidence_from, sensor.kind, weights, lengths, method
+    )
 
 
-def _map_a_toy(ndim: int, kind: str, weights: bool, lengths: bool, method: str) -> None:
+def _map_a_toy(
+    ndim: int, source: str, kind: str, weights: bool, lengths: bool, method: str
+) -> None:
     pose = Pose2(0.5, 0.5, 0.0) if ndim == 2 else Pose3(np.eye(3), np.full(3, 0.5))
     scan: Measurement = Scan(pose, np.eye(ndim), np.full(ndim, 3.0))
     sensor: Sensor = BeamSensor(fade=1.0 if weights else 0.0)
-    if kind == ConeSensor.kind:
-        sensor = ConeSensor(cone_deg=30.0)
-    elif kind == OverheadSensor.kind and isinstance(pose, Pose2):
+    if kind == OverheadSensor.kind and isinstance(pose, Pose2):
         sensor, scan = OverheadSensor(), GridScan(pose, np.eye(2), 1.0, (0.0, 0.0))
+    elif source == "cells":
+        sensor = ConeSensor(cone_deg=30.0)
     elif method == "projective" and isinstance(pose, Pose3):
         camera = PinholeCamera(2.0, 2.0, 1.5, 1.5, width=4, height=4)
         scan = DepthScan(pose, np.full((4, 4), 3.0, np.float32), camera)

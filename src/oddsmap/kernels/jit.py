@@ -9,6 +9,7 @@ was made from.
 from __future__ import annotations
 
 import hashlib
+import secrets
 from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
@@ -18,6 +19,8 @@ from typing import Any, TypeVar, cast
 from numba import njit
 
 __all__ = ["borrowing", "inlined", "kernel", "sources_digest"]
+
+_PROCESS = secrets.token_hex(4)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -53,22 +56,27 @@ def inlined(function: F) -> F:
 
 
 def _compiled(function: Callable[..., Any], *, counts_references: bool) -> object:
-    """Compile with a cache on disk that is stamped with all sources of the kernels.
+    """Compile with a cache on disk that is valid for all sources of the kernels as they are.
 
     Numba's own stamp is a digest of the file of the compiled function alone, but a kernel calls
     and inlines functions of other files, and pip leaves the machine code of the old version behind
-    when it installs a new one.
+    when it installs a new one. So the index holds a digest of all sources. The names of the data
+    files hold it, too, and a word of this process: Numba writes the index first, and whoever is
+    killed in between, or compiles at the same time, must not make it name another's code.
     """
     # Always stated: where it is not, Numba takes the option of whichever caller compiles first.
     options = {"nogil": True, "error_model": "numpy", "_nrt": counts_references}
-    dispatcher = njit(cache=True, **options)(function)
-    if dispatcher is function:  # NUMBA_DISABLE_JIT: plain Python
-        return function
     try:
-        index = dispatcher._cache._cache_file
-        index._source_stamp = (index._source_stamp, sources_digest())
-    except AttributeError:
-        # A Numba that keeps its stamp elsewhere: compile in each process rather than trust it.
+        dispatcher = njit(cache=True, **options)(function)
+        if dispatcher is function:  # NUMBA_DISABLE_JIT: plain Python
+            return function
+        index, digest = dispatcher._cache._cache_file, sources_digest()
+        base, _, _ = index._data_name_pattern.partition(".{number")
+        index._data_name_pattern = f"{base}.{digest[:16]}-{_PROCESS}.{{number:d}}.nbc"
+        index._source_stamp = (index._source_stamp, digest)
+    except (AttributeError, RuntimeError):
+        # No folder to write to, or a Numba that keeps its cache in another way: compile in each
+        # process rather than fail, or trust what may be stale.
         return njit(**options)(function)
     return dispatcher
 

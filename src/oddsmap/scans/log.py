@@ -12,7 +12,7 @@ from oddsmap.poses.pose import Pose
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
-__all__ = ["Log", "SensorInfo", "scan_count"]
+__all__ = ["Log", "SensorInfo"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,11 +75,3 @@ class Log(Protocol):
     # `DepthScan`s of a depth camera and the `GridScan`s of a log of grids.
     def __iter__(self) -> Iterator[Scan | Any]:
         """The measurements in file order; can be started again."""
-
-
-def scan_count(log: object) -> int | None:
-    """How many measurements a log, or any iterable of them, has; None where it is not known."""
-    count = getattr(log, "scan_count", None)
-    if count is None and hasattr(log, "__len__"):
-        count = len(log)
-    return count

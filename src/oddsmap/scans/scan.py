@@ -32,7 +32,8 @@ class Scan:
         beam_times_ns: time of each beam [ns], shape (n,), where they were not taken at once.
         beam_origins: where each beam starts in the sensor frame [m], shape (n, d); None: at the
             sensor. A scan taken while the sensor moved has one for each beam, or for each group
-            of beams taken at once; it is still one measurement, with one vote per cell.
+            of beams taken at once; it is still one measurement, with one vote per cell. A beam
+            whose origin is no number carries no information: its range becomes NaN.
 
     Raises:
         InputError: the shapes do not fit each other.
@@ -56,9 +57,19 @@ class Scan:
                 f"got {self.ranges.shape} and {self.directions.shape}"
             )
         for name, shape in (("beam_times_ns", (n,)), ("beam_origins", (n, d))):
-            array = getattr(self, name)
-            if array is not None and array.shape != shape:
-                raise InputError(f"{name} of this scan has shape {shape}, got {array.shape}")
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != shape:
+                raise InputError(f"{name} of this scan has shape {shape}, got {np.shape(value)}")
+        if self.beam_origins is not None:
+            self._check_origins(np.asarray(self.beam_origins, np.float64))
+
+    def _check_origins(self, origins: FloatArray) -> None:
+        """Take a beam from nowhere as one that says nothing."""
+        nowhere = np.asarray(~np.isfinite(origins).all(axis=1))
+        if nowhere.any():
+            origins = np.where(nowhere[:, None], 0.0, origins)
+            object.__setattr__(self, "ranges", np.where(nowhere, np.nan, self.ranges))
+        object.__setattr__(self, "beam_origins", origins)
 
     @property
     def size(self) -> int:

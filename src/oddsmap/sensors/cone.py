@@ -27,7 +27,7 @@ from oddsmap.scans.measurement import ranges_of
 from oddsmap.sensors.beam import NO_RANGE_MAX, BeamSensor, check_rates
 from oddsmap.sensors.cell_votes import CellVotes
 from oddsmap.sensors.segments import refuse_filters_in_2d
-from oddsmap.sensors.usable_beams import Verdicts, judge_readings
+from oddsmap.sensors.usable_beams import Verdicts, judge_readings, refuse_beam_origins
 
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
@@ -244,11 +244,7 @@ class ConeSensor:
         if len({scan.directions.shape[1] for scan in finite}) > 1:
             raise InputError("2D and 3D scans cannot go into one map")
         d = finite[0].directions.shape[1] if finite else 2
-        if any(scan.beam_origins is not None for scan in finite):
-            raise InputError(
-                "a scan has beam_origins, which are for narrow beams: give each cone a scan of its "
-                "own, with its own pose"
-            )
+        refuse_beam_origins(finite)
         refuse_filters_in_2d(d, beam.heights, beam.body)
         limit = MAX_COORDINATE * resolution
         near = [s for s in finite if np.abs(s.map_from_sensor.translation).max() < limit]

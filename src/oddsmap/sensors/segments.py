@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -76,29 +75,27 @@ def cut_scans(
         raise InputError("2D and 3D scans cannot go into one map")
     d = finite[0].directions.shape[1] if finite else 2
     refuse_filters_in_2d(d, heights, body)
-    bundles = [bundle for scan in finite for bundle in _bundles_of(scan)]
-    per_scan = np.array([_bundle_count(scan) for scan in finite], np.int64)
-    starts = np.concatenate([[0], np.cumsum([len(bundle.ranges) for bundle in bundles])])
-    starts = starts.astype(np.int64)
-    shared = all(bundle.directions is bundles[0].directions for bundle in bundles)
-    none = np.empty((0, d))
-    directions = [bundle.directions for bundle in (bundles[:1] if shared else bundles)]
-    origins = np.array([bundle.origin for bundle in bundles]).reshape(-1, d)
+    bundles = _bundles_of(finite, d)
+    starts = np.concatenate([[0], np.cumsum(bundles.sizes)]).astype(np.int64)
+    shared = len(bundles.sizes) == len(finite) and all(
+        scan.directions is finite[0].directions for scan in finite
+    )
+    directions = [scan.directions for scan in (finite[:1] if shared else finite)]
     counts = np.zeros(5, np.int64)
     ends = np.empty((starts[-1], d))
     half_width = shape.half_width
     tips = np.empty_like(ends) if half_width > 0 else ends
     fades = np.empty_like(ends) if shape.fade > 0 else ends
     hit = np.empty(len(ends), np.bool_)
-    offsets = np.empty(len(bundles) + 1, np.int64)
+    offsets = np.empty(len(starts), np.int64)
     cut_beams(
-        _joined([bundle.ranges for bundle in bundles], np.empty(0)),
-        _joined(directions, none),
+        _joined([scan.ranges for scan in finite], np.empty(0)),
+        _joined(directions, np.empty((0, d))),
         shared,
         starts,
-        origins,
-        np.array([bundle.rotation for bundle in bundles]).reshape(-1, d, d),
-        np.array([bundle.shift for bundle in bundles]).reshape(-1, d),
+        bundles.origins,
+        bundles.rotations,
+        bundles.shifts,
         limits,
         half_width,
         float(shape.fade),
@@ -112,7 +109,7 @@ def cut_scans(
         counts,
     )
     kept = np.diff(offsets) > 0
-    whose = np.repeat(np.arange(len(finite)), per_scan)
+    whose = np.repeat(np.arange(len(finite)), bundles.per_scan)
     kept_of_scans = np.bincount(whose[kept], minlength=len(finite))
     kept_of_scans = kept_of_scans[kept_of_scans > 0]
     used = int(offsets[-1])
@@ -129,7 +126,7 @@ def cut_scans(
     )
     ends = ends[:used]
     segments = Segments(
-        origins=origins[kept],
+        origins=bundles.origins[kept],
         bundles=np.concatenate([[0], np.cumsum(kept_of_scans)]).astype(np.int64),
         offsets=offsets[np.concatenate([[True], kept])],
         ends=ends,
@@ -140,41 +137,44 @@ def cut_scans(
     return segments, +skipped
 
 
-class _Bundle(NamedTuple):
-    """Beams of a scan that start in one place."""
+class _Bundles(NamedTuple):
+    """Runs of beams that start in one place, of all scans."""
 
-    origin: FloatArray
-    """In the map frame [m], shape (d,)."""
-    rotation: FloatArray
-    """map_from_sensor, shape (d, d)."""
-    shift: FloatArray
-    """The same place in the sensor frame [m], shape (d,)."""
-    directions: FloatArray
-    ranges: FloatArray
-
-
-def _bundles_of(scan: Scan) -> Iterator[_Bundle]:
-    pose, places = scan.map_from_sensor, scan.beam_origins
-    if places is None:
-        shift = np.zeros(scan.directions.shape[1])
-        yield _Bundle(pose.translation, pose.rotation, shift, scan.directions, scan.ranges)
-        return
-    origins = pose.transform(places)
-    for first, end in pairwise(_runs(places)):
-        part = slice(first, end)
-        yield _Bundle(
-            origins[first], pose.rotation, places[first], scan.directions[part], scan.ranges[part]
-        )
+    origins: FloatArray
+    """Where they start in the map frame [m], shape (bundles, d)."""
+    rotations: FloatArray
+    """map_from_sensor, shape (bundles, d, d)."""
+    shifts: FloatArray
+    """Where they start in the sensor frame [m], shape (bundles, d)."""
+    sizes: IntArray
+    """Beams of each, shape (bundles,)."""
+    per_scan: IntArray
+    """Bundles of each scan, shape (scans,)."""
 
 
-def _bundle_count(scan: Scan) -> int:
-    return 1 if scan.beam_origins is None else len(_runs(scan.beam_origins)) - 1
-
-
-def _runs(places: FloatArray) -> list[int]:
-    """Where runs of equal places begin, and the end."""
-    moved = np.flatnonzero((places[1:] != places[:-1]).any(axis=1)) + 1
-    return [0, *moved.tolist(), len(places)] if len(places) else [0]
+def _bundles_of(scans: Sequence[Scan], d: int) -> _Bundles:
+    rotations = np.array([scan.map_from_sensor.rotation for scan in scans]).reshape(-1, d, d)
+    if all(scan.beam_origins is None for scan in scans):
+        origins = np.array([scan.map_from_sensor.translation for scan in scans]).reshape(-1, d)
+        sizes = np.array([scan.size for scan in scans], np.int64)
+        per_scan = np.ones(len(scans), np.int64)
+        return _Bundles(origins, rotations, np.zeros_like(origins), sizes, per_scan)
+    places, ends = [], []
+    for scan in scans:
+        own = np.zeros((1, d)) if scan.beam_origins is None else scan.beam_origins
+        first = np.flatnonzero(np.append(True, (own[1:] != own[:-1]).any(axis=1))[: len(own)])
+        places.append(own[first])
+        ends.append(np.diff(np.append(first, scan.size)))
+    per_scan = np.array([len(own) for own in places], np.int64)
+    return _Bundles(
+        np.concatenate(
+            [s.map_from_sensor.transform(own) for s, own in zip(scans, places, strict=True)]
+        ),
+        np.repeat(rotations, per_scan, axis=0),
+        np.concatenate(places),
+        np.concatenate(ends).astype(np.int64),
+        per_scan,
+    )
 
 
 def refuse_filters_in_2d(d: int, heights: tuple[float, float], body: FloatArray) -> None:

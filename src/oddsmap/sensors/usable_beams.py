@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from oddsmap.array_types import BoolArray, FloatArray
+from oddsmap.errors import InputError
 from oddsmap.forward.beams import Beams
 from oddsmap.limits import MAX_COORDINATE
 from oddsmap.scans.measurement import Measurement, ranges_of
+from oddsmap.scans.scan import Scan
 from oddsmap.sensors.base import RangingSensor
 
 if TYPE_CHECKING:
     from oddsmap.kernels.trace.readings import Limits
 
-__all__ = ["Verdicts", "judge_readings", "usable_beams"]
+__all__ = ["Verdicts", "judge_readings", "refuse_beam_origins", "usable_beams"]
 
 
 class Verdicts(NamedTuple):
@@ -73,18 +75,37 @@ def usable_beams(
         InputError: 2D and 3D scans are mixed, or a scan is not of ranges.
     """
     taken = ranges_of(scans)
+    if sensor.evidence_from == "cells":
+        refuse_beam_origins(taken)
     beams, skipped = Beams.from_scans(taken)
+    finite = [scan for scan in taken if scan.map_from_sensor.is_finite]
+    whose = np.repeat(np.arange(len(finite)), [scan.size for scan in finite])
+    # A scan is too far where one of its beams starts there, as in the filter.
     limit = MAX_COORDINATE * resolution
-    here = np.abs(beams.origins).max(axis=1, initial=0.0) < limit
+    far = np.array([np.abs(s.map_from_sensor.translation).max() >= limit for s in finite], np.bool_)
+    far &= np.array([scan.beam_origins is None for scan in finite], np.bool_)
+    far[whose[np.abs(beams.origins).max(axis=1, initial=0.0) >= limit]] = True
+    here = ~far[whose]
     verdicts = judge_readings(beams.ranges[here], sensor.forward_limits)
     used = here.copy()
     used[here] = verdicts.used
-    finite = [scan for scan in taken if scan.map_from_sensor.is_finite]
-    whose = np.repeat(np.arange(len(finite)), [scan.size for scan in finite])
     scan_count = len(np.unique(whose[used]))
-    near = sum(bool(np.abs(s.map_from_sensor.translation).max() < limit) for s in finite)
+    near = int(np.count_nonzero(~far))
     skipped += verdicts.skipped
     skipped["scan.pose_too_far"] = len(finite) - near
     skipped["scan.empty"] = near - scan_count
     ranges = verdicts.reach[verdicts.used]
     return Beams(beams.origins[used], beams.directions[used], ranges), scan_count, +skipped
+
+
+def refuse_beam_origins(scans: Sequence[Scan]) -> None:
+    """Refuse scans of cones whose beams start in several places.
+
+    Raises:
+        InputError: one has `beam_origins`.
+    """
+    if any(scan.beam_origins is not None for scan in scans):
+        raise InputError(
+            "a scan has beam_origins, which are for narrow beams: give each cone a scan of its "
+            "own, with its own pose"
+        )

@@ -104,17 +104,17 @@ def cut_beams(
     ox, oy, oz = 0.0, 0.0, 0.0
     xx, xy, xz, yx, yy, yz, zx, zy, zz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     dz, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
-    for scan in range(origins.shape[0]):
-        ox, oy = origins[scan, 0], origins[scan, 1]
-        xx, xy = rotations[scan, 0, 0], rotations[scan, 0, 1]
-        yx, yy = rotations[scan, 1, 0], rotations[scan, 1, 1]
+    for bundle in range(origins.shape[0]):
+        ox, oy = origins[bundle, 0], origins[bundle, 1]
+        xx, xy = rotations[bundle, 0, 0], rotations[bundle, 0, 1]
+        yx, yy = rotations[bundle, 1, 0], rotations[bundle, 1, 1]
         if in_3d:
-            oz = origins[scan, 2]
-            sx, sy, sz = shifts[scan, 0], shifts[scan, 1], shifts[scan, 2]
-            xz, yz = rotations[scan, 0, 2], rotations[scan, 1, 2]
-            zx, zy, zz = rotations[scan, 2, 0], rotations[scan, 2, 1], rotations[scan, 2, 2]
-        start = starts[scan] if shared else 0
-        for i in range(starts[scan], starts[scan + 1]):
+            oz = origins[bundle, 2]
+            sx, sy, sz = shifts[bundle, 0], shifts[bundle, 1], shifts[bundle, 2]
+            xz, yz = rotations[bundle, 0, 2], rotations[bundle, 1, 2]
+            zx, zy, zz = rotations[bundle, 2, 0], rotations[bundle, 2, 1], rotations[bundle, 2, 2]
+        start = starts[bundle] if shared else 0
+        for i in range(starts[bundle], starts[bundle + 1]):
             reading = ranges[i]
             verdict, reach = judge(reading, limits)
             if verdict < CLEARS:
@@ -160,7 +160,7 @@ def cut_beams(
                     seen = False
             hit[used] = seen
             used += 1
-        offsets[scan + 1] = used
+        offsets[bundle + 1] = used
 
 
 @borrowing
@@ -185,14 +185,14 @@ def cell_bounds(
     """
     in_3d = points.shape[1] == 3
     z0, z1, sz = 0.0, 0.0, 0.0
-    for scan in range(offsets.shape[0] - 1):
-        sx, sy = lo[scan, 0], lo[scan, 1]
-        x0, x1, y0, y1 = sx, hi[scan, 0], sy, hi[scan, 1]
+    for bundle in range(offsets.shape[0] - 1):
+        sx, sy = lo[bundle, 0], lo[bundle, 1]
+        x0, x1, y0, y1 = sx, hi[bundle, 0], sy, hi[bundle, 1]
         if in_3d:
-            sz = lo[scan, 2]
-            z0, z1 = sz, hi[scan, 2]
+            sz = lo[bundle, 2]
+            z0, z1 = sz, hi[bundle, 2]
         total = 0.0
-        for i in range(offsets[scan], offsets[scan + 1]):
+        for i in range(offsets[bundle], offsets[bundle + 1]):
             # By division: 0.15 / 0.05 is below 3 and lies in cell 2, 0.15 * 20 is 3.
             x, y = points[i, 0] / resolution, points[i, 1] / resolution
             points[i, 0], points[i, 1] = x, y
@@ -203,7 +203,7 @@ def cell_bounds(
                 points[i, 2] = z
                 z0, z1 = min(z0, z), max(z1, z)
                 total += abs(z - sz)
-        lo[scan, 0], hi[scan, 0], lo[scan, 1], hi[scan, 1] = x0, x1, y0, y1
+        lo[bundle, 0], hi[bundle, 0], lo[bundle, 1], hi[bundle, 1] = x0, x1, y0, y1
         if in_3d:
-            lo[scan, 2], hi[scan, 2] = z0, z1
-        way[scan] += total
+            lo[bundle, 2], hi[bundle, 2] = z0, z1
+        way[bundle] += total

@@ -124,14 +124,16 @@ def mark_votes(
         up = scans.tiles_hi[scan, 1] - scans.tiles_lo[scan, 1]
         if not has_room(tiles, across * up, False):
             return scan, FULL
-        _describe(scans, begin, table)
+        alone = end - begin == 1
+        if alone:
+            _describe(scans, begin, table)
         for block_y in range((up + block_tiles - 1) // block_tiles):
             for block_x in range((across + block_tiles - 1) // block_tiles):
                 block = block_x, block_y
                 stride = 0
                 # All passes first: hits of one bundle go before the passes of another.
                 for bundle in range(begin, end):
-                    if end - begin > 1:
+                    if not alone:
                         _describe(scans, bundle, table)
                     clipped = _window_box(scans, scan, bundle, block, block_tiles, side, box)
                     stride = box[1] - box[0] + 2
@@ -305,13 +307,15 @@ def count_votes(
         up = scans.tiles_hi[scan, 1] - scans.tiles_lo[scan, 1]
         if not has_room(tiles, across * up, True):
             return scan, FULL
-        _describe(scans, begin, table)
+        alone = end - begin == 1
+        if alone:
+            _describe(scans, begin, table)
         for block_y in range((up + block_tiles - 1) // block_tiles):
             for block_x in range((across + block_tiles - 1) // block_tiles):
                 block = block_x, block_y
                 stride = 0
                 for bundle in range(begin, end):
-                    if end - begin > 1:
+                    if not alone:
                         _describe(scans, bundle, table)
                     clipped = _window_box(scans, scan, bundle, block, block_tiles, side, box)
                     stride = box[1] - box[0] + 2

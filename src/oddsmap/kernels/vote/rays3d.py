@@ -174,6 +174,7 @@ def mark_passes(
     table: npt.NDArray[np.int32],
     used: IntArray,
     marks: Marks,
+    skips: bool,
     first: int,
 ) -> int:
     """Mark the cells that the rays of one bundle pass.
@@ -192,6 +193,8 @@ def mark_passes(
         table: zeros, one for each block of the window.
         used: used[0] is how many blocks were touched; then their places in the table.
         marks: zeros, one byte per cell, block after block, block 0 unused.
+        skips: False: few rays, for which looking up what is marked would take longer than marking
+            it again; `bins` and `spans` are not looked at.
         first: where to go on; 0 at the first call.
 
     Returns:
@@ -216,14 +219,14 @@ def mark_passes(
                 # Many rays at a time, too: a loop's end is a branch that is guessed wrong.
                 slabs, ray = 0, at
                 while ray < many and slabs < SLABS:
-                    skip = done[bins[begin + (batch + ray) * STRIDE]]
+                    skip = done[bins[begin + (batch + ray) * STRIDE]] if skips else 0
                     slabs = emit_ray(rays, ray, skip, bits, blocks, buffer, slabs)
                     ray += 1
                 if used[0] + 3 * slabs > room:
                     return before - many + at
                 at = ray
                 _mark_passes(buffer, slabs, np.uint64(3 * bits), table, used, marks)
-        if before > first and begin in LAST_OF_ROUND:
+        if skips and before > first and begin in LAST_OF_ROUND:
             _advance(origin, lo, bits, blocks, spans, done, table, marks)
     return -1
 
