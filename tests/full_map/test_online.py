@@ -293,8 +293,8 @@ def test_a_field_grows_block_by_block(d: int) -> None:
     )
     assert field.observed.all()
     number = {tuple(at): i for i, at in enumerate(coords.tolist())}
-    for at, around in zip(coords.tolist(), field.block_neighbours().tolist(), strict=True):
-        for way, found in enumerate(around):
+    for at, beside in zip(coords.tolist(), field.block_neighbours().tolist(), strict=True):
+        for way, found in enumerate(beside):
             other = list(at)
             other[way // 2] += 2 * (way % 2) - 1
             assert found == number.get(tuple(other), -1)
