@@ -87,7 +87,7 @@ def test_a_window_that_is_too_large_is_refused() -> None:
 
 
 def test_too_many_cells_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_MOST_CELLS", 2 * 1024)
+    monkeypatch.setattr(module, "_MAX_CELLS", 2 * 1024)
     field = CellField(2, 0)
     field.insert(np.array([[0, 0], [5, 5]]))
     with pytest.raises(MapTooLargeError, match=r"up to 2\^31 cells.*coarser resolution"):

@@ -245,7 +245,7 @@ def test_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert np.array_equal(SONAR.likelihood(beams, window), whole)
     again = SONAR.simulate(beams.origins, beams.directions, window, np.random.default_rng(0))
     assert np.array_equal(again.ranges, drawn.ranges, equal_nan=True)
-    monkeypatch.setattr(cone_beams, "_MOST_CELLS", 16)
+    monkeypatch.setattr(cone_beams, "_MAX_CELLS", 16)
     with pytest.raises(MemoryError, match="lower range_max or cone_deg"):
         SONAR.likelihood(beams, window)
 

@@ -414,7 +414,7 @@ def test_many_small_windows_list_what_one_lists(
     poses = np.unique(beams.origins / RESOLUTION, axis=0)
     alone = [next(field.windows_of(grid, pose[None], 45.0))[1].shape for pose in poses]
     largest = max(int(np.prod(shape // grid.side)) for shape in alone)
-    monkeypatch.setattr(field, "_MOST_BLOCKS", largest)
+    monkeypatch.setattr(field, "_MAX_BLOCKS", largest)
     many, parts, again = listed()
     assert one == 1 < many <= len(poses)
     np.testing.assert_array_equal(again, cells)

@@ -201,7 +201,7 @@ def test_room_grows_and_parts_are_whole_scans(monkeypatch: pytest.MonkeyPatch) -
     np.testing.assert_array_equal(
         np.concatenate([piece[3] for piece in pieces]), np.diff(whole[0].offsets)
     )
-    monkeypatch.setattr(oddsmap.sensors.cone, "_MOST", 128)
+    monkeypatch.setattr(oddsmap.sensors.cone, "_MAX_ENTRIES", 128)
     with pytest.raises(MapTooLargeError, match=r"cones of one scan hold over .* coarser") as caught:
         list(sensor.votes(scans, 0.1)[0])
     assert "\n" not in str(caught.value)
