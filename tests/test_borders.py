@@ -20,12 +20,14 @@ from oddsmap import (
     BeamSensor,
     ConeSensor,
     EvidenceMap,
+    LogOdds,
     MapTooLargeError,
     Pose2,
     Pose3,
     Scan,
     State,
     Thresholds,
+    VoxelMap,
     build_map,
     load_ros,
     project,
@@ -336,3 +338,73 @@ def test_a_scan_is_refused_by_the_memory_of_its_tiles(monkeypatch: pytest.Monkey
             with monkeypatch.context() as patch:
                 patch.setattr(f"{check_size.__module__}.memory_limit", lambda limit=limit: limit)
                 assert fits((3200, 3200), beams=beams, way=way) == enough
+
+
+def test_a_plane_has_2_to_the_31_columns_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One row more than that is too many; memory for so many is not taken here."""
+
+    class TakenError(Exception):
+        pass
+
+    def taken(count: int, value: float) -> None:
+        assert count == 1 << 31
+        raise TakenError
+
+    for rows, error in ((1 << 15, TakenError), ((1 << 15) + 1, MapTooLargeError)):
+        evidence = EvidenceMap(0.5, ndim=3)
+        corners = np.array([[0, 0, 0], [(1 << 16) - 1, rows - 1, 0]])
+        evidence.add_cells(corners, np.full(2, ONE), np.zeros(2, np.int64))
+        with monkeypatch.context() as patch:
+            view = evidence.log_odds()
+            patch.setattr(np, "full", taken)
+            with pytest.raises(error):
+                project(view, -1.0, 1.0)
+
+
+# ---- what a projection asks -------------------------------------------------------------------
+
+
+def test_a_ground_is_asked_at_the_centres_of_columns() -> None:
+    evidence = EvidenceMap(0.5, ndim=3)
+    places = np.array([[-3, 7, 0], [-3, 7, 2], [4, 7, 1], [-3, 9, 5]])
+    evidence.add_cells(places, np.full(4, ONE), np.zeros(4, np.int64))
+    asked: list[tuple[float, float]] = []
+
+    def ground(x: np.ndarray[Any, Any], y: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        asked.extend(zip(x.tolist(), y.tolist(), strict=True))
+        return 0.0 * x
+
+    project(evidence, -9.0, 9.0, ground=ground)
+    assert asked == [(-1.25, 3.75), (2.25, 3.75), (-1.25, 4.75)]
+
+
+def test_columns_that_no_voxel_is_in_have_one_half() -> None:
+    voxels = VoxelMap(np.array([[0, 0, 0], [2, 0, 0]]), np.array([3.0, -3.0]), 0.5)
+    grid = project(voxels, -1.0, 1.0)
+    assert grid.observed.tolist() == [[True, False, True]]
+    assert grid.probability[0, 1] == 0.5
+
+
+def test_ground_is_looked_for_among_what_the_view_calls_occupied_and_free(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    evidence = EvidenceMap(0.5, ndim=3)
+    places = np.array([[k, 0, 0] for k in range(4)])
+    evidence.add_cells(places, ONE * np.array([2, 1, 0, 0]), ONE * np.array([0, 0, 1, 2]))
+    p = evidence.log_odds().cells()[1]
+    told: list[Any] = []
+
+    def fitted(occupied: Any, resolution: float, free: Any) -> GroundPlane:
+        told.append((occupied[:, 0].tolist(), resolution, free[:, 0].tolist()))
+        return GroundPlane(0.0)
+
+    monkeypatch.setattr(f"{project.__module__}.fit_ground_surface", fitted)
+    monkeypatch.setattr(GroundPlane, "at", lambda self, x, y: 0.0 * x)
+    for occupied, free, want in (
+        (p[0], p[3], ([0], 0.5, [3])),
+        (p[1], p[2], ([0, 1], 0.5, [2, 3])),
+        (above(p[1]), below(p[2]), ([0], 0.5, [3])),
+    ):
+        limits = Thresholds(float(free), float(occupied))
+        project(LogOdds(evidence, thresholds=limits), -9.0, 9.0, ground="relative")
+        assert told.pop() == want

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, load_map
+from oddsmap import BeamSensor, EvidenceMap, InputError, Scan, add_scans, load_map
 from oddsmap.config.config import PosteriorConfig
 from tests.kit import ONE, random_scans, votes_of
 from tests.kit3d import random_space_scans
@@ -246,3 +246,29 @@ def test_a_box_of_a_stored_map_is_a_crop(ndim: int, shard: int, tmp_path: Path) 
             assert votes_of(part) == votes_of(evidence.crop(lo, hi))
             assert part.cell_count() == sum(a <= cell < b for cell in cells) == 1
         places[:, axis] = 0
+
+
+@pytest.mark.parametrize(
+    ("weight", "kind"), [(-1, "<i8"), (2**46 + 1, "<u8"), (2**48, "<u8"), (2**63, "<u8")]
+)
+def test_stored_weights_that_are_no_counts_are_refused(
+    weight: int, kind: str, tmp_path: Path
+) -> None:
+    """In whole votes here: 2^48 of them would wrap around to none."""
+    import zarr
+
+    evidence = EvidenceMap(0.25)
+    evidence.add_cells(np.array([[3, 4]]), np.array([2 * ONE]), np.array([ONE]))
+    path = tmp_path / "a.zarr"
+    evidence.save(path)
+    root: Any = zarr.open_group(path, mode="r+")
+    old = root["hits"]
+    values, attributes = np.asarray(old[:]).astype(kind), dict(old.attrs)
+    assert attributes["weight_unit"] == 1.0
+    values[values == 2] = weight
+    new = root.create_array(
+        "hits", data=values, chunks=old.chunks, shards=old.shards, fill_value=0, overwrite=True
+    )
+    new.attrs.update(attributes)
+    with pytest.raises(InputError, match="hits holds weights that are no counts"):
+        load_map(path)

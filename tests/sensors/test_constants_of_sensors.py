@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from oddsmap import (
     Beams,
     BeamSensor,
     ConeSensor,
+    ConfigError,
     ForwardModel,
     GridScan,
     InputError,
@@ -120,3 +123,31 @@ def test_a_beam_meets_2_to_the_28_cells_at_most(monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(MapTooLargeError, match="more than 268435456 cells"):
         next(model.cells(beams, 0.1, (0, 0), (9, 9)))
     assert rooms[-1] == 1 << 28
+
+
+@pytest.mark.parametrize("fields", [{"kind": BeamSensor}, {"kind": ConeSensor, "cone_deg": 9.0}])
+def test_rates_leave_something_for_true_readings(fields: dict[str, Any]) -> None:
+    sensor = functools.partial(fields["kind"], **{k: v for k, v in fields.items() if k != "kind"})
+    assert sensor(detection=1.0).detection == 1.0
+    assert sensor(p_random=0.5, p_dropout=0.5 - 2.0**-40).p_random == 0.5
+    wrong: list[dict[str, float]] = [{"p_random": 0.5, "p_dropout": 0.5}, {"detection": 0.0}]
+    for rates in wrong:
+        with pytest.raises(ConfigError, match="sensor"):
+            sensor(**rates)
+
+
+def test_rates_of_a_forward_model_do_so_as_well() -> None:
+    assert ForwardModel(cone_deg=0.0, range_max=1.0, detection=1.0).detection == 1.0
+    with pytest.raises(ConfigError, match="p_dropout"):
+        ForwardModel(cone_deg=0.0, range_max=1.0, p_random=0.5, p_dropout=0.5)
+
+
+@pytest.mark.parametrize(("short", "listed"), [(0.12, 5), (0.13, 4)])
+def test_cells_are_listed_half_a_bin_beyond_the_reach(short: float, listed: int) -> None:
+    """They count from the middle of their bin: what begins behind the reach may lie before it."""
+    model = ForwardModel(cone_deg=0.0, range_max=30.0, sigma=0.1, range_bias=0.0)
+    # Bins are a quarter of a cell. Cell 5 begins 4.5 m ahead.
+    reading = 4.5 - short - 5.0 * 0.1
+    beams = Beams(np.array([[0.5, 0.5]]), np.array([[1.0, 0.0]]), np.array([reading]))
+    ((_, found),) = model.cells(beams, 1.0, (0, 0), (1, 20))
+    assert found.cells.max() == listed
