@@ -26,14 +26,18 @@ HITS, PASSES = np.array([2, 1, 0, 0]), np.array([0, 0, 1, 2])
 FIRST = (-8, 3)
 
 
-def view(ndim: int, limits: Thresholds | None = None, **settings: Any) -> LogOdds:
+def small_map(ndim: int, **settings: Any) -> EvidenceMap:
     evidence = EvidenceMap(0.5, ndim=ndim, **settings)
     places = np.zeros((4, ndim), np.int64)
     places[:, :2] = np.array([[0, 0], [1, 0], [2, 1], [3, 1]]) + FIRST
     evidence.add_cells(places, ONE * HITS, ONE * PASSES)
     if evidence.lengths is not None:
         evidence.lengths.add_cells(places, ONE * np.stack([0 * HITS, 1 + PASSES], axis=1))
-    return LogOdds(evidence, thresholds=limits)
+    return evidence
+
+
+def view(ndim: int, limits: Thresholds | None = None, **settings: Any) -> LogOdds:
+    return LogOdds(small_map(ndim, **settings), thresholds=limits)
 
 
 # Between 0.4 and 0.31, and between 0.7 and 0.84: the outer two alone are decided.
@@ -70,9 +74,9 @@ def test_points_and_voxels_are_written_by_the_thresholds_of_the_view(
 
 
 def test_cells_keep_their_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """x before y, in metres: in the plane no two axes are alike here."""
-    there = view(2, votes="beam", path_lengths=True)
-    evidence = there.evidence
+    """x before y, in metres: no two axes are alike here."""
+    evidence = small_map(2, votes="beam", path_lengths=True)
+    there = LogOdds(evidence)
     drawn: list[ProbabilityMap] = []
     monkeypatch.setattr(
         "oddsmap.plot.quantity.save_quantity", lambda grid, *_, **__: drawn.append(grid)
@@ -93,7 +97,7 @@ def test_cells_keep_their_place(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
 
 
 def test_arrays_have_the_votes_of_their_cells(tmp_path: Path) -> None:
-    evidence = view(2, votes="beam", path_lengths=True).evidence
+    evidence = small_map(2, votes="beam", path_lengths=True)
     for name, posterior in (
         ("log_odds", evidence.log_odds()),
         ("reflection", evidence.reflection()),
@@ -110,7 +114,7 @@ def test_arrays_have_the_votes_of_their_cells(tmp_path: Path) -> None:
 
 def test_an_interval_that_ends_at_the_threshold_decides_nothing() -> None:
     """Occupied is what lies above it as a whole, free what lies below."""
-    reflection = view(2, votes="beam").evidence.reflection()
+    reflection = small_map(2, votes="beam").reflection()
     box = (FIRST, np.add(FIRST, (1, 1)))
     lower, upper = (float(end.item()) for end in reflection.interval(box))
     for threshold, state in (
