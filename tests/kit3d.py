@@ -51,8 +51,7 @@ def add_rays(
         fades=(ends if fades is None else np.array(fades)) * evidence.resolution,
         hit=np.array([hit for _, _, hit in beams], np.bool_),
     )
-    cells, too_far = to_cells(segments, evidence.resolution, evidence.tiles.side, 1 << 50)
-    assert too_far == 0
+    cells = to_cells(segments, evidence.resolution, evidence.tiles.side, 1 << 50)
     integrator._integrate(cells, 0)
     return integrator
 

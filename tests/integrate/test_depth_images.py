@@ -294,7 +294,7 @@ def test_what_it_cannot_do() -> None:
         build_map([fan_scan(0.0, 0.0, 0.0, [1.0])], 0.1, method="projective")
     with pytest.raises(InputError, match="3D maps"):
         add_scans(EvidenceMap(0.1), image, method="projective")
-    with pytest.raises(InputError, match="plane"):
+    with pytest.raises(InputError, match="2D and 3D"):
         add_scans(EvidenceMap(0.1), [Scan(Pose2(0, 0, 0), np.eye(2), np.ones(2)), *image])
     flat = DepthScan(Pose3(np.zeros((3, 3)), np.zeros(3)), FRAMES[0].depth, SMALL)
     with pytest.raises(InputError, match="not a rotation"):

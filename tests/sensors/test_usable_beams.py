@@ -120,3 +120,27 @@ def test_arrays_are_sorted_as_single_readings_are() -> None:
     assert np.array_equal(verdicts.reach[verdicts.seen], readings[verdicts.seen])
     assert verdicts.reach[-1] == RANGE_MAX
     assert np.isnan(verdicts.reach[~verdicts.used]).all()
+
+
+@pytest.mark.parametrize("where", [1e14, math.nan])
+def test_a_scan_skipped_for_its_pose_has_its_beams_counted_nowhere(where: float) -> None:
+    reason = "scan.nan_pose" if math.isnan(where) else "scan.pose_too_far"
+    readings = np.array([math.nan, 0.1, 81.83, 2.0])
+    flat = Scan(Pose2(where, 0.0, 0.0), np.eye(2)[[0, 1, 0, 1]], readings)
+    deep_pose = Pose3(np.eye(3), np.array([where, 0.0, 0.0]))
+    deep = Scan(deep_pose, np.eye(3)[[0, 1, 2, 0]], readings)
+    camera = PinholeCamera(1.0, 1.0, 0.0, 0.0, width=4, height=1)
+    image = DepthScan(deep_pose, readings[None].astype(np.float32), camera)
+    ways: list[tuple[Scan | DepthScan, str, str]] = [
+        (flat, "beam", "rays"),
+        (flat, "cone", "rays"),
+        (deep, "beam", "rays"),
+        (deep, "cone", "rays"),
+        (image, "beam", "rays"),
+        (image, "beam", "projective"),
+    ]
+    for scan, kind, method in ways:
+        sensor = sensor_of(kind, None)
+        grid = EvidenceMap(0.25, sensor=sensor, ndim=2 if scan is flat else 3)
+        assert add_scans(grid, [scan], method=method).skipped == {reason: 1}, (kind, method)
+        assert usable_beams([scan], sensor, 0.25)[2] == {reason: 1}

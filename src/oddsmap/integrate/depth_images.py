@@ -91,6 +91,8 @@ class ProjectiveIntegrator(Integrator3D):
         pose, resolution = scan.map_from_sensor, self._resolution
         if not pose.is_finite:
             return 0, Counter({"scan.nan_pose": 1})
+        if np.abs(pose.translation).max() >= MAX_COORDINATE * resolution:
+            return 0, Counter({"scan.pose_too_far": 1})
         if self._camera is None or self._camera.camera != scan.camera:
             self._camera = _Lookup(scan.camera)
         image = self._camera
@@ -103,8 +105,6 @@ class ProjectiveIntegrator(Integrator3D):
             image.clear, image.seen, image.min_clear, image.max_clear, skipped,
         )  # fmt: skip
         reasons = Counter({"scan.empty": int(used == 0)})
-        if used and np.abs(pose.translation).max() >= MAX_COORDINATE * resolution:
-            return 0, Counter({"scan.pose_too_far": 1}) + _reasons(skipped)
         if used:
             self._mark_and_apply(depth, pose.rotation, pose.translation, image, skipped)
         return used, +(reasons + _reasons(skipped))

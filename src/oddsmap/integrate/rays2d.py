@@ -24,6 +24,7 @@ from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.trace.segments2d import COLUMNS
 from oddsmap.kernels.units import ONE
 from oddsmap.kernels.vote.rays2d import DONE, FULL, SLABS, Room, count_votes, mark_votes
+from oddsmap.limits import MAX_COORDINATE
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import RaySensor
 from oddsmap.sensors.segments import Segments
@@ -95,19 +96,17 @@ class Integrator2D:
 
     def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
-        segments, skipped = self._sensor.segments(scans)
+        segments, skipped = self._sensor.segments(scans, MAX_COORDINATE * self._resolution)
         if len(segments.origins) and segments.origins.shape[1] != 2:
             raise InputError("3D scans cannot go into a 2D map")
-        arrays, too_far = self._in_cells(segments)
-        if too_far:
-            skipped["scan.pose_too_far"] += too_far
+        arrays = self._in_cells(segments)
         if len(arrays.tiles_lo):
             self._integrate(arrays)
             if self._lengths is not None:
                 self._lengths.add(arrays, self.scale)
         return len(arrays.tiles_lo), len(arrays.hit), skipped
 
-    def _in_cells(self, segments: Segments) -> tuple[ScanCells, int]:
+    def _in_cells(self, segments: Segments) -> ScanCells:
         return to_cells(segments, self._resolution, self.tiles.side, _MAX_SCAN_CELLS)
 
     def _integrate(self, scans: ScanCells) -> None:

@@ -29,7 +29,7 @@ from oddsmap.kernels.vote.rays3d import (
     mark_passes,
     sort_rays,
 )
-from oddsmap.limits import memory_limit
+from oddsmap.limits import MAX_COORDINATE, memory_limit
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import RaySensor
 
@@ -106,12 +106,10 @@ class Integrator3D:
 
     def add(self, scans: Sequence[Measurement]) -> tuple[int, int, Counter[str]]:
         """Add a batch: returns scans used, beams used, and what was skipped by reason."""
-        segments, skipped = self._sensor.segments(scans)
+        segments, skipped = self._sensor.segments(scans, MAX_COORDINATE * self._resolution)
         if len(segments.origins) and segments.origins.shape[1] != 3:
             raise InputError("2D scans cannot go into a 3D map")
-        cells, too_far = to_cells(segments, self._resolution, self.tiles.side, self._max_cells)
-        if too_far:
-            skipped["scan.pose_too_far"] += too_far
+        cells = to_cells(segments, self._resolution, self.tiles.side, self._max_cells)
         for scan in range(len(cells.tiles_lo)):
             self._integrate(cells, scan)
         if self._lengths is not None:

@@ -11,7 +11,7 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import MapTooLargeError
 from oddsmap.kernels.trace.clip_beams import ScanCells, cell_bounds
 from oddsmap.kernels.trace.hit_region import BeamShape
-from oddsmap.limits import MAX_COORDINATE, memory_limit
+from oddsmap.limits import memory_limit
 from oddsmap.sensors.inverse_model import HitShape
 from oddsmap.sensors.segments import Segments
 
@@ -38,9 +38,7 @@ def cells_near_return(shape: HitShape, resolution: float, d: int) -> int:
     return d * (math.ceil(longest) + 2) + 1
 
 
-def to_cells(
-    segments: Segments, resolution: float, side: int, max_window: int
-) -> tuple[ScanCells, int]:
+def to_cells(segments: Segments, resolution: float, side: int, max_window: int) -> ScanCells:
     """Scale segments to cells (their arrays are changed in place).
 
     Args:
@@ -50,12 +48,11 @@ def to_cells(
         max_window: how many cells one scan may span.
 
     Returns:
-        The scans, and how many were left out because their pose is too far away.
+        The scans.
 
     Raises:
         MapTooLargeError: a scan spans too many cells, or memory could not hold it.
     """
-    segments, too_far = _without_far(segments, MAX_COORDINATE * resolution)
     origins, offsets = segments.origins / resolution, segments.offsets
     lo, hi, way = origins.copy(), origins.copy(), np.zeros(len(origins))
     cell_bounds(segments.ends, offsets, resolution, lo, hi, way)
@@ -74,19 +71,16 @@ def to_cells(
     if len(origins):
         check_size(beams, way, (past - first) * side, resolution, side, max_window)
     tiles_lo, tiles_hi = first.astype(np.int64), past.astype(np.int64)
-    return (
-        ScanCells(
-            origins,
-            bundles,
-            offsets,
-            segments.ends,
-            segments.tips,
-            segments.fades,
-            segments.hit,
-            tiles_lo,
-            tiles_hi,
-        ),
-        too_far,
+    return ScanCells(
+        origins,
+        bundles,
+        offsets,
+        segments.ends,
+        segments.tips,
+        segments.fades,
+        segments.hit,
+        tiles_lo,
+        tiles_hi,
     )
 
 
@@ -127,27 +121,3 @@ def check_size(
         f"a scan may span {max_window:.1e} cells); use a coarser resolution, or range_max where a "
         "reading is too long"
     )
-
-
-def _without_far(segments: Segments, limit: float) -> tuple[Segments, int]:
-    """Leave out scans whose pose is farther than the limit [m] from the map's origin."""
-    near = np.abs(segments.origins).max(axis=1, initial=0.0) < limit
-    if near.all():
-        return segments, 0
-    # A scan is near where all of its bundles are.
-    bundles = np.diff(segments.bundles)
-    near_scans = np.logical_and.reduceat(near, segments.bundles[:-1])
-    near = np.repeat(near_scans, bundles)
-    lengths = np.diff(segments.offsets)
-    beams = np.repeat(near, lengths)
-    ends = segments.ends[beams]
-    kept = Segments(
-        origins=segments.origins[near],
-        bundles=np.concatenate([[0], np.cumsum(bundles[near_scans])]),
-        offsets=np.concatenate([[0], np.cumsum(lengths[near])]),
-        ends=ends,
-        tips=ends if segments.tips is segments.ends else segments.tips[beams],
-        fades=ends if segments.fades is segments.ends else segments.fades[beams],
-        hit=segments.hit[beams],
-    )
-    return kept, int(np.count_nonzero(~near_scans))

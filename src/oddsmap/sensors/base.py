@@ -68,7 +68,9 @@ class RaySensor(Sensor, Protocol):
     def body(self) -> FloatArray:
         """Corners of the body's box in the sensor frame [m], shape (2, 3)."""
 
-    def segments(self, scans: Sequence[Measurement]) -> tuple[Segments, Counter[str]]:
+    def segments(
+        self, scans: Sequence[Measurement], farthest: float = ...
+    ) -> tuple[Segments, Counter[str]]:
         """Segments of free and occupied space, and how much was skipped, by reason."""
 
 

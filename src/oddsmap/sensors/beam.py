@@ -261,11 +261,14 @@ class BeamSensor:
         odds = np.exp(logit(base) + factor)
         return np.where((hits > 0.0) | (passes > 0.0), odds / (1.0 + odds), base)
 
-    def segments(self, scans: Sequence[Measurement]) -> tuple[Segments, Counter[str]]:
+    def segments(
+        self, scans: Sequence[Measurement], farthest: float = math.inf
+    ) -> tuple[Segments, Counter[str]]:
         """Sort readings into hits, no-returns and what must be skipped.
 
         Args:
             scans: measurements of one dimension, 2D or 3D; depth images are taken as beams.
+            farthest: a scan with a beam that starts this far from the map's origin is skipped [m].
 
         Returns:
             The segments of the scans with at least one usable beam, and how many scans and beams
@@ -276,7 +279,12 @@ class BeamSensor:
             ConfigError: a filter for 3D scans is set, and the scans are 2D.
         """
         return cut_scans(
-            scans, limits=self.limits, shape=self.hit_shape, heights=self.heights, body=self.body
+            scans,
+            limits=self.limits,
+            shape=self.hit_shape,
+            heights=self.heights,
+            body=self.body,
+            farthest=farthest,
         )
 
 

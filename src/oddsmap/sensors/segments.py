@@ -56,6 +56,7 @@ def cut_scans(
     shape: HitShape,
     heights: tuple[float, float],
     body: FloatArray,
+    farthest: float,
 ) -> tuple[Segments, Counter[str]]:
     """Sort the readings of scans: see `BeamSensor.segments`.
 
@@ -65,6 +66,7 @@ def cut_scans(
         shape: how a beam votes around its return.
         heights: lowest and highest height in the map frame at which a return marks [m].
         body: corners of a box in the sensor frame in which no return marks [m], shape (2, 3).
+        farthest: a scan with a beam that starts this far from the map's origin is skipped [m].
     """
     from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT, cut_beams
     from oddsmap.kernels.trace.readings import BELOW, NAN, NO_RETURN
@@ -75,7 +77,7 @@ def cut_scans(
         raise InputError("2D and 3D scans cannot go into one map")
     d = finite[0].directions.shape[1] if finite else 2
     refuse_filters_in_2d(d, heights, body)
-    bundles = _bundles_of(finite, d)
+    finite, bundles, too_far = _near_bundles_of(finite, d, farthest)
     starts = np.concatenate([[0], np.cumsum(bundles.sizes)]).astype(np.int64)
     shared = len(bundles.sizes) == len(finite) and all(
         scan.directions is finite[0].directions for scan in finite
@@ -115,7 +117,8 @@ def cut_scans(
     used = int(offsets[-1])
     skipped = Counter(
         {
-            "scan.nan_pose": len(scans) - len(finite),
+            "scan.nan_pose": len(scans) - len(finite) - too_far,
+            "scan.pose_too_far": too_far,
             "scan.empty": len(finite) - len(kept_of_scans),
             "beam.nan": int(counts[NAN]),
             "beam.below_range_min": int(counts[BELOW]),
@@ -150,6 +153,20 @@ class _Bundles(NamedTuple):
     """Beams of each, shape (bundles,)."""
     per_scan: IntArray
     """Bundles of each scan, shape (scans,)."""
+
+
+def _near_bundles_of(
+    scans: list[Scan], d: int, farthest: float
+) -> tuple[list[Scan], _Bundles, int]:
+    """Scans that are not too far away, with their bundles, and how many are."""
+    bundles = _bundles_of(scans, d)
+    far = np.abs(bundles.origins).max(axis=1, initial=0.0) >= farthest
+    if not far.any():
+        return scans, bundles, 0
+    whose = np.repeat(np.arange(len(scans)), bundles.per_scan)
+    gone = set(whose[far].tolist())
+    near = [scan for number, scan in enumerate(scans) if number not in gone]
+    return near, _bundles_of(near, d), len(gone)
 
 
 def _bundles_of(scans: Sequence[Scan], d: int) -> _Bundles:

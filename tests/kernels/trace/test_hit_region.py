@@ -170,7 +170,7 @@ def lengths_of(origin: Point, ends: list[Point]) -> dict[Cell, int]:
     )
     evidence = EvidenceMap(1.0, votes="beam", ndim=len(origin), path_lengths=True)
     assert evidence.lengths is not None
-    cells, _ = to_cells(segments, 1.0, evidence.tiles.side, 1 << 50)
+    cells = to_cells(segments, 1.0, evidence.tiles.side, 1 << 50)
     integrator = LengthIntegrator(evidence.lengths, threading.Lock(), 1.0, np.zeros(1, np.int64))
     integrator.add(cells, ONE)
     index, units = evidence.cell_lengths()
