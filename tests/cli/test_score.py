@@ -179,7 +179,7 @@ def test_wrong_shares(run: Run, sonar: Path, tmp_path: Path, share: float) -> No
 
 
 def test_wrong_words(run: Run, sonar: Path, full: Path, tmp_path: Path) -> None:
-    assert "give a name that ends in .png" in run("score", full, sonar, "--plot", "a.pdf").line
+    assert "must have a name that ends in .png" in run("score", full, sonar, "--plot", "a.pdf").line
     assert "not a saved map" in run("score", sonar, sonar).line
     assert "no.zarr: no such file" in run("score", tmp_path / "no.zarr", sonar).line
     assert "p_random lies above 0" in (run("score", full, sonar, "--set", "sensor.p_random=0").line)
