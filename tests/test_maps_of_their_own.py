@@ -270,5 +270,5 @@ def test_stored_weights_that_are_no_counts_are_refused(
         "hits", data=values, chunks=old.chunks, shards=old.shards, fill_value=0, overwrite=True
     )
     new.attrs.update(attributes)
-    with pytest.raises(InputError, match="hits holds weights that are no counts"):
+    with pytest.raises(InputError, match="hits holds weights that are not counts"):
         load_map(path)
