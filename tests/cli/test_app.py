@@ -12,8 +12,12 @@ import oddsmap
 from tests.cli.conftest import Run, folder_bytes
 
 # Maps one log again and again, and says when it has begun: however slow the machine is, it is not
-# done before it is interrupted.
+# done before it is interrupted. Whoever runs the tests in the background has Ctrl-C ignored, and
+# hands that on.
 _LONG_BUILD = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 from oddsmap.cli import main
 from oddsmap.integrate import add
 
