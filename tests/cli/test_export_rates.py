@@ -92,7 +92,7 @@ def test_votes_of_scans_are_warned_of(run: Run, maps: Path, tmp_path: Path) -> N
         (("hall.zarr", "m.yaml", *REFLECTION, "--threshold", 0.9), "--threshold changes --show"),
         (("hall.zarr", "m.npz", *REFLECTION, "--level", 1.5), "level lies between 0 and 1"),
         (("hall.zarr", "m.npz", *REFLECTION, "--beta-b", 0), "prior's b is a weight above 0"),
-        (("hall.zarr", "m.yaml", *REFLECTION, "--mode", "trinary"), "no state"),
+        (("hall.zarr", "m.yaml", *REFLECTION, "--mode", "trinary"), "not a state"),
         (("hall.zarr", "m.ply", *REFLECTION), "written as .png, .npz or .yaml"),
         (("space.zarr", "m.png", *REFLECTION), "its reflectivity as .npz"),
         (("before.bt", "m.npz", *REFLECTION), "needs hits and passes"),

@@ -20,18 +20,22 @@ def sensor_names() -> dict[str, str]:
 
 
 def sensor_name(log: Log, config: Config) -> str:
-    """What --sensor would call the sensor of a log; a 2D cone is a "sonar" here."""
+    """What --sensor would call the sensor of a log, by its readings; a 2D cone is a "sonar" here."""
     from oddsmap.integrate.add import ndim_of
     from oddsmap.scans.depth_image import DepthScan
+    from oddsmap.scans.grid_scan import GridScan
 
     first = next(iter(log), None)
     kind, flat = config.sensor.kind, ndim_of(first) == 2
-    if kind == "beam":
-        deep = "depth" if isinstance(first, DepthScan) else "lidar3d"
-        return "lidar2d" if flat else deep
+    if isinstance(first, GridScan):
+        return "overhead"
     if kind == "cone":
         return "sonar" if flat else "tof"
-    return config.sensor.names[0]
+    if kind not in ("beam", "overhead"):
+        return config.sensor.names[0]
+    if flat:
+        return "lidar2d"
+    return "depth" if isinstance(first, DepthScan) else "lidar3d"
 
 
 def may_be_called(name: str, stated: str) -> bool:
