@@ -20,7 +20,7 @@ def sensor_names() -> dict[str, str]:
 
 
 def sensor_name(log: Log, config: Config) -> str:
-    """What --sensor would call the sensor of a log, by its readings; a 2D cone is a "sonar" here."""
+    """What --sensor would call a log's sensor, by its readings; a 2D cone is a "sonar" here."""
     from oddsmap.integrate.add import ndim_of
     from oddsmap.scans.depth_image import DepthScan
     from oddsmap.scans.grid_scan import GridScan
