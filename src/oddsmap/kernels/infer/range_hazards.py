@@ -85,7 +85,14 @@ def tally_hazards(
         reading = readings[beam]
         end = steps
         if reading < noise.range_max:
-            end = min(int((reading - noise.range_min) / step), steps - 1)
+            # A reading on a border belongs to the step that begins there; the quotient can be
+            # rounded to the other side of it.
+            end = int((reading - noise.range_min) / step)
+            if noise.range_min + (end + 1) * step <= reading:
+                end += 1
+            elif noise.range_min + end * step > reading:
+                end -= 1
+            end = min(end, steps - 1)
         for j in range(min(end + 1, steps)):
             hazard = min(mass[j] / max(left, _NOTHING_LEFT), 1.0)
             place = min(int(hazard * bins), bins - 1)
