@@ -37,6 +37,18 @@ def reach(
     return far, ~(unseen | over), +skipped
 
 
+def vector(scan: Scan, i: int) -> tuple[FloatArray, float]:
+    """A vector along beam i in the map frame, and its length [m]: its point where it has one."""
+    along, length = scan.directions[i], 1.0
+    if scan.measured_points is not None and scan.ranges[i] > 0:
+        along, length = scan.measured_points[i], float(scan.ranges[i])
+    rotation = scan.map_from_sensor.rotation
+    ray = np.zeros(len(along))
+    for column in range(len(along)):
+        ray += rotation[:, column] * along[column]
+    return ray, length
+
+
 def segments(
     sensor: BeamSensor, scans: Sequence[Scan]
 ) -> list[tuple[FloatArray, FloatArray, bool]]:
@@ -48,12 +60,10 @@ def segments(
         far, hit, _ = reach(sensor, scan.ranges)
         for i in np.flatnonzero(~np.isnan(far)):
             half = sensor.half_width if hit[i] else 0.0
-            rotation, origin = scan.map_from_sensor.rotation, scan.map_from_sensor.translation
-            ray = np.zeros(len(origin))
-            for column in range(len(origin)):
-                ray += rotation[:, column] * scan.directions[i, column]
-            end = origin + ray * max(far[i] - half, 0.0)
-            tip = origin + ray * (far[i] + half) if sensor.half_width > 0 else end
+            origin = scan.map_from_sensor.translation
+            ray, length = vector(scan, int(i))
+            end = origin + ray * (max(far[i] - half, 0.0) / length)
+            tip = origin + ray * ((far[i] + half) / length) if sensor.half_width > 0 else end
             found.append((end, tip, bool(hit[i])))
     return found
 
@@ -66,10 +76,9 @@ def fades(sensor: BeamSensor, scans: Sequence[Scan]) -> list[FloatArray]:
             continue
         far, hit, _ = reach(sensor, scan.ranges)
         for i in np.flatnonzero(~np.isnan(far)):
-            rotation, origin = scan.map_from_sensor.rotation, scan.map_from_sensor.translation
-            ray = np.zeros(len(origin))
-            for column in range(len(origin)):
-                ray += rotation[:, column] * scan.directions[i, column]
-            near = max(far[i] - sensor.half_width, 0.0) if hit[i] else far[i]
-            found.append(origin + ray * (max(near - sensor.fade, 0.0) if hit[i] else near))
+            origin = scan.map_from_sensor.translation
+            ray, length = vector(scan, int(i))
+            near = (max(far[i] - sensor.half_width, 0.0) if hit[i] else far[i]) / length
+            begin = max(near - sensor.fade / length, 0.0) if hit[i] else near
+            found.append(origin + ray * begin)
     return found

@@ -149,8 +149,8 @@ class ProjectiveIntegrator(Integrator3D):
         row = 0
         while row >= 0:
             row = mark_ends(
-                depth, image.seen, image.range_per_depth, image.x, image.y, rotation, origin,
-                resolution, sensor.heights, sensor.body, first, self._bits,
+                depth, image.seen, image.x, image.y, rotation, origin, resolution,
+                sensor.heights, sensor.body, first, self._bits,
                 np.array([1, shape[0], shape[0] * shape[1]]), margin, codes,
                 self._table, self._used, self._marks, skipped, row,
             )  # fmt: skip

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -67,24 +68,34 @@ class PinholeCamera:
 
         Computed once for a camera, shared and read-only.
         """
-        return _rays(self)[0]
+        return _rays(self).directions
 
     @property
     def range_per_depth(self) -> FloatArray:
         """Distance along each pixel's ray at depth 1, shape (h, w), shared and read-only."""
-        return _rays(self)[1]
+        return _rays(self).lengths
+
+
+class _Rays(NamedTuple):
+    points: FloatArray
+    """Where the rays are at depth 1, row by row, shape (h * w, 3)."""
+    directions: FloatArray
+    """Unit vectors, shape (h * w, 3)."""
+    lengths: FloatArray
+    """Way to those points, shape (h, w)."""
 
 
 @lru_cache(maxsize=4)
-def _rays(camera: PinholeCamera) -> tuple[FloatArray, FloatArray]:
+def _rays(camera: PinholeCamera) -> _Rays:
     x = (np.arange(camera.width) - camera.cx) / camera.fx
     y = (np.arange(camera.height) - camera.cy) / camera.fy
     rays = np.ones((camera.height, camera.width, 3))
     rays[..., 0], rays[..., 1] = x[None, :], y[:, None]
     length = np.sqrt(np.square(rays).sum(axis=2))
     directions = (rays / length[..., None]).reshape(-1, 3)
-    directions.flags.writeable = length.flags.writeable = False
-    return directions, length
+    points = rays.reshape(-1, 3)
+    points.flags.writeable = directions.flags.writeable = length.flags.writeable = False
+    return _Rays(points, directions, length)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,10 +140,14 @@ class DepthScan:
             ranges = np.where(
                 (depth > 0) & np.isfinite(depth), depth * self.camera.range_per_depth, np.nan
             )
-        return Scan(
+        scan = Scan(
             self.map_from_sensor,
             self.camera.directions,
             ranges.ravel(),
             self.stamp_ns,
             sensor_id=self.sensor_id,
         )
+        with np.errstate(invalid="ignore"):  # depths that are infinite, at x = 0
+            points = _rays(self.camera).points * depth.reshape(-1, 1)
+        object.__setattr__(scan, "measured_points", points)
+        return scan

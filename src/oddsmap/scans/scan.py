@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,12 @@ class Scan:
     sensor_id: str = ""
     beam_times_ns: IntArray | None = None
     beam_origins: FloatArray | None = None
+    measured_points: FloatArray | None = field(default=None, init=False, repr=False)
+    """The ends of the beams in the sensor frame [m], shape (n, d), where the sensor gave points.
+
+    `directions * ranges` is rounded, and puts one point in thirty of a flat wall that lies on a
+    border of cells into the cell before it: what was measured as a point marks as that point.
+    """
 
     def __post_init__(self) -> None:
         d = 2 if isinstance(self.map_from_sensor, Pose2) else 3
@@ -82,7 +88,8 @@ class Scan:
     ) -> Scan:
         """Take the points of a cloud as the ends of beams from the sensor.
 
-        `directions * ranges[:, None]` gives the points back to within a few roundings of float64.
+        `directions * ranges[:, None]` gives the points back to within a few roundings of float64;
+        `measured_points` are the points themselves, and what they mark is where they are.
 
         Args:
             map_from_sensor: pose of the sensor in the map frame.
@@ -104,4 +111,6 @@ class Scan:
         usable = ranges > 0
         np.divide(ends, ranges[:, None], out=directions, where=usable[:, None])
         directions[~usable, 0] = 1.0
-        return cls(map_from_sensor, directions, ranges, stamp_ns)
+        scan = cls(map_from_sensor, directions, ranges, stamp_ns)
+        object.__setattr__(scan, "measured_points", ends)
+        return scan

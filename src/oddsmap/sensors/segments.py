@@ -79,10 +79,15 @@ def cut_scans(
     refuse_filters_in_2d(d, heights, body)
     finite, bundles, too_far = _near_bundles_of(finite, d, farthest)
     starts = np.concatenate([[0], np.cumsum(bundles.sizes)]).astype(np.int64)
+    measured = [scan.measured_points is not None for scan in finite]
     shared = len(bundles.sizes) == len(finite) and all(
-        scan.directions is finite[0].directions for scan in finite
+        scan.directions is finite[0].directions and not points
+        for scan, points in zip(finite, measured, strict=True)
     )
-    directions = [scan.directions for scan in (finite[:1] if shared else finite)]
+    vectors = [
+        scan.directions if scan.measured_points is None else scan.measured_points
+        for scan in (finite[:1] if shared else finite)
+    ]
     counts = np.zeros(5, np.int64)
     ends = np.empty((starts[-1], d))
     half_width = shape.half_width
@@ -92,8 +97,9 @@ def cut_scans(
     offsets = np.empty(len(starts), np.int64)
     cut_beams(
         _joined([scan.ranges for scan in finite], np.empty(0)),
-        _joined(directions, np.empty((0, d))),
+        _joined(vectors, np.empty((0, d))),
         shared,
+        np.repeat(np.array(measured, np.bool_), bundles.per_scan),
         starts,
         bundles.origins,
         bundles.rotations,

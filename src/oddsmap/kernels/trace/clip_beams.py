@@ -55,8 +55,9 @@ class ScanCells(NamedTuple):
 @borrowing
 def cut_beams(
     ranges: FloatArray,
-    directions: FloatArray,
+    vectors: FloatArray,
     shared: bool,
+    measured: npt.NDArray[np.bool_],
     starts: npt.NDArray[np.int64],
     origins: FloatArray,
     rotations: FloatArray,
@@ -77,8 +78,11 @@ def cut_beams(
 
     Args:
         ranges: all readings [m], shape (n,).
-        directions: unit vectors in the sensor frame, shape (n, d), or one bundle's if `shared`.
-        shared: True where every bundle has the same directions.
+        vectors: unit vectors along the beams in the sensor frame, or where they end [m], shape
+            (n, d), or one bundle's if `shared`.
+        shared: True where every bundle has the same vectors.
+        measured: True where a bundle's vectors are the points that the sensor gave, shape
+            (bundles,): a range times a unit vector is rounded, and may miss a border of cells.
         starts: first beam of each bundle and the end, shape (bundles + 1,).
         origins: where bundles start [m], shape (bundles, d).
         rotations: map_from_sensor, shape (bundles, d, d).
@@ -121,33 +125,36 @@ def cut_beams(
                 skipped[verdict] += 1
                 continue
             seen = verdict == SEEN
-            dx, dy = directions[i - start, 0], directions[i - start, 1]
+            dx, dy = vectors[i - start, 0], vectors[i - start, 1]
             rx, ry, rz = xx * dx + xy * dy, yx * dx + yy * dy, 0.0
             if in_3d:
-                dz = directions[i - start, 2]
+                dz = vectors[i - start, 2]
                 rx, ry, rz = rx + xz * dz, ry + yz * dz, zx * dx + zy * dy + zz * dz
             if not math.isfinite(rx + ry + rz):
                 skipped[NAN] += 1
                 continue
             half = half_width if seen else 0.0
-            near = max(reach - half, 0.0)
+            # How many vectors to go: of points exactly 1 to the return.
+            length = reading if measured[bundle] and reading > 0.0 else 1.0
+            near = max(reach - half, 0.0) / length
             ends[used, 0], ends[used, 1] = ox + rx * near, oy + ry * near
             if in_3d:
                 ends[used, 2] = oz + rz * near
             if fade > 0.0:
-                begin = max(near - fade, 0.0) if seen else near
+                begin = max(near - fade / length, 0.0) if seen else near
                 fades[used, 0], fades[used, 1] = ox + rx * begin, oy + ry * begin
                 if in_3d:
                     fades[used, 2] = oz + rz * begin
             if half_width > 0.0:
-                far = reach + half
+                far = (reach + half) / length
                 tips[used, 0], tips[used, 1] = ox + rx * far, oy + ry * far
                 if in_3d:
                     tips[used, 2] = oz + rz * far
             if in_3d and seen:
                 # Filters say what may mark, never what may clear.
-                z = oz + rz * reach
-                bx, by, bz = sx + dx * reach, sy + dy * reach, sz + dz * reach
+                way = reach / length
+                z = oz + rz * way
+                bx, by, bz = sx + dx * way, sy + dy * way, sz + dz * way
                 if (
                     body[0, 0] <= bx <= body[1, 0]
                     and body[0, 1] <= by <= body[1, 1]

@@ -394,7 +394,6 @@ def _part(cell: int, bits: int, mask: int, far: int, near: int) -> int:
 def mark_ends(
     depth: npt.NDArray[np.floating],
     seen: npt.NDArray[np.uint8],
-    range_per_depth: FloatArray,
     x_of: FloatArray,
     y_of: FloatArray,
     rotation: FloatArray,
@@ -416,13 +415,12 @@ def mark_ends(
     """Mark the end cells of the pixels with a return, to the bit those of the ray method.
 
     Cells are first computed by multiplication (1 ns per pixel). Where that comes near a border of
-    cells, it is done again by the operations of `cut_beams` and `cell_bounds`, with their six
-    divisions (20 ns).
+    cells, it is done again by the operations of `cut_beams` and `cell_bounds`, with three divisions
+    (20 ns).
 
     Args:
         depth: distance along z [m], shape (h, w).
         seen: from `read_depth`.
-        range_per_depth: distance along the ray at depth 1, shape (h, w).
         x_of: x at depth 1 of each column, shape (w,).
         y_of: y at depth 1 of each row, shape (h,).
         rotation: map_from_sensor, shape (3, 3).
@@ -494,14 +492,9 @@ def mark_ends(
             if code < 0:
                 if code == -1:
                     continue
-                length = range_per_depth[v, u]
-                dx, dy, dz = x_of[u] / length, y / length, 1.0 / length
-                reach = np.float64(depth[v, u]) * length
-                rx = xx * dx + xy * dy + xz * dz
-                ry = yx * dx + yy * dy + yz * dz
-                rz = zx * dx + zy * dy + zz * dz
-                bx, by, bz = dx * reach, dy * reach, dz * reach
-                z = oz + rz * reach
+                bz = np.float64(depth[v, u])
+                bx, by = x_of[u] * bz, y * bz
+                z = oz + (zx * bx + zy * by + zz * bz)
                 if (
                     body[0, 0] <= bx <= body[1, 0]
                     and body[0, 1] <= by <= body[1, 1]
@@ -512,8 +505,9 @@ def mark_ends(
                 if z < heights[0] or z > heights[1]:
                     skipped[HEIGHT] += 1
                     continue
-                ix = np.int64(math.floor((ox + rx * reach) / resolution)) - lo[0]
-                iy = np.int64(math.floor((oy + ry * reach) / resolution)) - lo[1]
+                x, y_end = ox + (xx * bx + xy * by + xz * bz), oy + (yx * bx + yy * by + yz * bz)
+                ix = np.int64(math.floor(x / resolution)) - lo[0]
+                iy = np.int64(math.floor(y_end / resolution)) - lo[1]
                 iz = np.int64(math.floor(z / resolution)) - lo[2]
                 code = _part(ix, bits, mask32, far_x, near_x)
                 code += _part(iy, bits, mask32, far_y, near_y)
