@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError, MapTooLargeError
+from oddsmap.poses.product import product
 from oddsmap.scans.scan import Scan
 
 __all__ = ["BeamCells", "Beams", "beam_cells"]
@@ -101,7 +102,7 @@ class Beams:
             for p, s in poses
         ]
         with np.errstate(invalid="ignore"):  # directions that are no numbers
-            turned = [s.directions @ p.rotation.T for p, s in poses]
+            turned = [product(s.directions, p.rotation.T) for p, s in poses]
         axes = np.concatenate([np.empty((0, d)), *turned])
         ranges = np.concatenate([np.empty(0), *(scan.ranges for scan in usable)])
         lengths = np.linalg.norm(axes, axis=1)

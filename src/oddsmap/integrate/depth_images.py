@@ -24,6 +24,7 @@ from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT
 from oddsmap.kernels.trace.readings import BELOW, NAN, NO_RETURN
 from oddsmap.kernels.vote.depth_image import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
 from oddsmap.limits import MAX_COORDINATE
+from oddsmap.poses.product import inverse
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import RaySensor
@@ -187,10 +188,10 @@ def _places(
 ) -> FloatArray:
     """Projections of the centres of a window's cells, see `mark_free`: one part for each axis."""
     fx, fy, cx, cy = image.intrinsics
-    try:
-        x, y, z = resolution * np.linalg.inv(rotation)
-    except np.linalg.LinAlgError:
-        raise InputError("a pose's rotation cannot be inverted: it is not a rotation") from None
+    back = inverse(rotation)
+    if back is None:
+        raise InputError("a pose's rotation cannot be inverted: it is not a rotation")
+    x, y, z = resolution * back
     u, v = fx * x + (cx + 0.5) * z, fy * y + (cy + 0.5) * z
     ways = np.stack([u, v, z, image.camera.width * z - u, image.camera.height * z - v])
     centres = first[:, None] + np.arange(int(cells.max())) + 0.5 - origin[:, None]

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
+from oddsmap.poses.product import product
 
 __all__ = ["Pose", "Pose2", "Pose3"]
 
@@ -49,11 +50,11 @@ class Pose2:
 
     def transform(self, points: FloatArray) -> FloatArray:
         """Take points [m], shape (n, 2), from the source frame to the target frame."""
-        return points @ self.rotation.T + self.translation
+        return product(points, self.rotation.T) + self.translation
 
     def inverse(self) -> Pose2:
         """The transform in the other direction."""
-        x, y = -self.rotation.T @ self.translation
+        x, y = product(-self.translation[None, :], self.rotation)[0]
         return Pose2(float(x), float(y), -self.theta)
 
     def __matmul__(self, other: Pose2) -> Pose2:
@@ -97,7 +98,7 @@ class Pose3:
         """
         t = np.asarray(translation, dtype=np.float64)
         q = np.asarray(xyzw, dtype=np.float64)
-        norm = float(np.linalg.norm(q))
+        norm = math.hypot(*q.tolist())
         if math.isfinite(norm) and abs(norm - 1.0) > _ROTATION_TOLERANCE:
             raise InputError(
                 f"a rotation needs a unit quaternion, got norm {norm:.6g}: "
@@ -121,16 +122,17 @@ class Pose3:
 
     def transform(self, points: FloatArray) -> FloatArray:
         """Take points [m], shape (n, 3), from the source frame to the target frame."""
-        return points @ self.rotation.T + self.translation
+        return product(points, self.rotation.T) + self.translation
 
     def inverse(self) -> Pose3:
         """The transform in the other direction."""
-        return Pose3(self.rotation.T.copy(), -self.rotation.T @ self.translation)
+        position = product(-self.translation[None, :], self.rotation)[0]
+        return Pose3(self.rotation.T.copy(), position)
 
     def __matmul__(self, other: Pose3) -> Pose3:
         """Compose: `map_from_body @ body_from_sensor` is `map_from_sensor`."""
         return Pose3(
-            self.rotation @ other.rotation, self.rotation @ other.translation + self.translation
+            product(self.rotation, other.rotation), self.transform(other.translation[None, :])[0]
         )
 
 

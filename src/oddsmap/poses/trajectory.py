@@ -13,6 +13,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
+from oddsmap.poses.product import product
 
 __all__ = ["NoPoseError", "Trajectory"]
 
@@ -142,7 +143,7 @@ def format_seconds(stamp_ns: int) -> str:
 def _interpolate(start: Pose3, end: Pose3, fraction: float) -> Pose3:
     """Between two poses; the rotation takes the short way around one axis."""
     position = (1.0 - fraction) * start.translation + fraction * end.translation
-    x, y, z, w = _quaternion_xyzw(start.rotation.T @ end.rotation)
+    x, y, z, w = _quaternion_xyzw(product(start.rotation.T, end.rotation))
     sine = math.sqrt(x * x + y * y + z * z)
     if sine == 0.0:
         return Pose3(start.rotation, position)
@@ -152,7 +153,7 @@ def _interpolate(start: Pose3, end: Pose3, fraction: float) -> Pose3:
     turn = Pose3.from_quaternion_xyzw(
         np.zeros(3), [x * half, y * half, z * half, math.cos(angle / 2)]
     )
-    return Pose3(start.rotation @ turn.rotation, position)
+    return Pose3(product(start.rotation, turn.rotation), position)
 
 
 def _quaternion_xyzw(rotation: FloatArray) -> tuple[float, float, float, float]:
