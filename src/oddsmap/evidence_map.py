@@ -16,7 +16,7 @@ from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.forgetting import last_stamp
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
-from oddsmap.sensors.registry import Sensor, sensor_of_log
+from oddsmap.sensors.registry import Sensor, agreeing, sensor_of_log
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -122,9 +122,9 @@ def build_map(
     Args:
         log: what `open_log` returns, or any scans.
         resolution: side of a cell [m].
-        sensor: the sensor model; by default what the log says about its sensor: an `OverheadSensor`
-            for grid scans, a `ConeSensor` where it says that beams are wide, otherwise a
-            `BeamSensor`.
+        sensor: the sensor model; by default what the log says about its sensor, which its scans
+            know also without it: an `OverheadSensor` for grid scans, a `ConeSensor` where it says
+            that beams are wide, otherwise a `BeamSensor`.
         votes: "scan": a cell gets at most one vote per scan, hits before passes (the textbook
             filter: one update per measurement). "beam": every beam votes, weights add up. Default:
             "beam" for cones, where each echo is a measurement, otherwise "scan".
@@ -154,14 +154,15 @@ def build_map(
         t_ref_ns = last_stamp(log)
     scans = iter(log)
     first = next(scans, None)
+    ahead = scans if first is None else chain([first], scans)
     if sensor is None:
         sensor = sensor_of_log(log, first=first)
+        ahead = agreeing(ahead, getattr(log, "sensor", None) or getattr(first, "stated", {}))
     ndim = ndim_of(first)
     evidence = EvidenceMap(
         resolution, votes=votes, half_life=half_life, t_ref_ns=t_ref_ns,
         path_lengths=path_lengths, sensor=sensor, ndim=ndim,
     )  # fmt: skip
-    ahead = scans if first is None else chain([first], scans)
     evidence.report = add_log(
         evidence, log, scans=ahead, method=method, threads=threads, progress=progress
     )

@@ -10,8 +10,9 @@ votes into tiles                # rays2d.py, rays3d.py: exact
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
@@ -93,7 +94,7 @@ def add_scans(
     sensor = sensor or evidence.sensor
     workers = WorkerPool(evidence, sensor, threads, method)
     report = Report(compile_s=compile_kernels(evidence, sensor, method))
-    for scan_count, beam_count, skipped in workers.run(scans):
+    for scan_count, beam_count, skipped in workers.run(_warn_of_no_returns(scans, sensor)):
         report.add(scan_count, beam_count, skipped)
         if progress is not None:
             skipped_scans = sum(
@@ -102,6 +103,23 @@ def add_scans(
             progress(report.scans + skipped_scans)
     report.integrate_s, report.read_s = workers.integrate_s, workers.read_s
     return report
+
+
+def _warn_of_no_returns(scans: Iterable[Measurement], sensor: Sensor) -> Iterator[Measurement]:
+    """The scans; warns where they know what a no-return looks like and the sensor does not."""
+    rest = iter(scans)
+    for first in rest:
+        written = getattr(first, "stated", {}).get("range_max")
+        if written is not None and getattr(sensor, "range_max", written) is None:
+            warnings.warn(
+                f"these scans come from a log that states range_max {written:g} m, and the sensor "
+                "model has none: where nothing was seen it marks an obstacle; give "
+                f"range_max={written:g}",
+                stacklevel=3,
+            )
+        yield first
+        break
+    yield from rest
 
 
 def ndim_of(scan: Measurement | None) -> int:

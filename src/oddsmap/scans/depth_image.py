@@ -10,7 +10,8 @@ Source: Hartley, Zisserman: Multiple View Geometry (2004), section 6.1.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -119,6 +120,8 @@ class DepthScan:
     camera: PinholeCamera
     stamp_ns: int | None = None
     sensor_id: str = ""
+    stated: Mapping[str, float] = field(default_factory=dict, init=False, repr=False)
+    """What its log states about the sensor, by the names of the configuration; logs set it."""
 
     def __post_init__(self) -> None:
         if self.depth.shape != (self.camera.height, self.camera.width):
@@ -150,4 +153,5 @@ class DepthScan:
         with np.errstate(invalid="ignore"):  # depths that are infinite, at x = 0
             points = _rays(self.camera).points * depth.reshape(-1, 1)
         object.__setattr__(scan, "measured_points", points)
+        object.__setattr__(scan, "stated", self.stated)
         return scan

@@ -82,6 +82,7 @@ class LazyLog:
                     raise
                 self._bad[i] = error
                 continue
+            object.__setattr__(scan, "stated", self.sensor)
             yield scan
 
 

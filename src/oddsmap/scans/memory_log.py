@@ -32,7 +32,7 @@ class LoadedLog:
         sensor: what the log states about its sensor, by the names of the configuration.
         skipped: lines and scans that could not be read, by reason.
         notes: what to know about this log, one sentence each.
-        scans: the scans in file order.
+        scans: the scans in file order; each learns what the log states, and knows it without it.
         bad_lines: the first few lines that were skipped, for messages.
     """
 
@@ -43,6 +43,10 @@ class LoadedLog:
     notes: tuple[Note, ...]
     scans: tuple[Scan, ...]
     bad_lines: tuple[BadLine, ...] = ()
+
+    def __post_init__(self) -> None:
+        for scan in self.scans:
+            object.__setattr__(scan, "stated", self.sensor)
 
     @property
     def sensors(self) -> Mapping[str, SensorInfo]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
@@ -53,6 +54,8 @@ class Scan:
     `directions * ranges` is rounded, and puts one point in thirty of a flat wall that lies on a
     border of cells into the cell before it: what was measured as a point marks as that point.
     """
+    stated: Mapping[str, float] = field(default_factory=dict, init=False, repr=False)
+    """What its log states about the sensor, by the names of the configuration; logs set it."""
 
     def __post_init__(self) -> None:
         d = 2 if isinstance(self.map_from_sensor, Pose2) else 3

@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any, cast
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar, cast
 
-from oddsmap.errors import ConfigError
+from oddsmap.errors import ConfigError, InputError
 from oddsmap.scans.grid_scan import GridScan
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import Sensor
@@ -20,10 +20,13 @@ __all__ = [
     "NAMES",
     "SENSORS",
     "Sensor",
+    "agreeing",
     "sensor_of_log",
     "settings_of",
     "stated_of_sensor",
 ]
+
+M = TypeVar("M", bound=Measurement)
 
 SENSORS: tuple[type[Sensor], ...] = (BeamSensor, ConeSensor, OverheadSensor)
 
@@ -40,14 +43,20 @@ def stated_of_sensor(
     """What a log says of its sensor, as fields of the sensor model, with its `kind`.
 
     Args:
-        log: any log.
+        log: any log, or a list of scans.
         kind: the kind of sensor; default: as the log's readings are.
-        first: the first of them.
+        first: the first of them, which speaks for what is neither a log nor a list.
 
     Raises:
         ConfigError: there is no sensor model of this kind.
+        InputError: scans of a list come from logs that state different things.
     """
-    stated: Mapping[str, float] = getattr(log, "sensor", {})
+    if first is None and isinstance(log, Sequence) and len(log):
+        first = log[0]
+    stated: Mapping[str, float] = getattr(log, "sensor", None) or getattr(first, "stated", {})
+    if isinstance(log, Sequence):
+        for _ in agreeing(log, stated):
+            pass
     if kind is None and isinstance(first, GridScan):
         kind = OverheadSensor.kind
     elif kind is None:
@@ -62,6 +71,27 @@ def sensor_of_log(log: object, *, first: Measurement | None = None) -> Sensor:
     """The sensor model that a log asks for; arguments as in `stated_of_sensor`."""
     stated = stated_of_sensor(log, first=first)
     return cast(Sensor, KINDS[stated.pop("kind")](**stated))
+
+
+def agreeing(scans: Iterable[M], stated: Mapping[str, float]) -> Iterator[M]:
+    """The scans, all of which come from logs that state this about their sensor.
+
+    Raises:
+        InputError: one comes from a log that states something else.
+    """
+    for number, scan in enumerate(scans):
+        own: Mapping[str, float] = getattr(scan, "stated", stated)
+        if own is not stated and dict(own) != dict(stated):
+            raise InputError(
+                f"scan {number} comes from a log that states {_words(own)} of its sensor, the "
+                f"first from one that states {_words(stated)}: map log by log and merge, or give "
+                "the sensor"
+            )
+        yield scan
+
+
+def _words(stated: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in stated.items()) or "nothing"
 
 
 def settings_of(sensor: Sensor) -> dict[str, Any]:
