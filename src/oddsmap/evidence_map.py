@@ -157,7 +157,8 @@ def build_map(
     ahead = scans if first is None else chain([first], scans)
     if sensor is None:
         sensor = sensor_of_log(log, first=first)
-        ahead = agreeing(ahead, getattr(log, "sensor", None) or getattr(first, "stated", {}))
+        if not hasattr(log, "sensor"):
+            ahead = agreeing(ahead, getattr(first, "stated", {}))
     ndim = ndim_of(first)
     evidence = EvidenceMap(
         resolution, votes=votes, half_life=half_life, t_ref_ns=t_ref_ns,

@@ -53,8 +53,8 @@ def stated_of_sensor(
     """
     if first is None and isinstance(log, Sequence) and len(log):
         first = log[0]
-    stated: Mapping[str, float] = getattr(log, "sensor", None) or getattr(first, "stated", {})
-    if isinstance(log, Sequence):
+    stated: Mapping[str, float] = getattr(log, "sensor", getattr(first, "stated", {}))
+    if isinstance(log, Sequence) and not hasattr(log, "sensor"):
         for _ in agreeing(log, stated):
             pass
     if kind is None and isinstance(first, GridScan):
