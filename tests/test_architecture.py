@@ -95,7 +95,8 @@ FLOORS = (
     ("map_files",),
     ("scans",),
     ("poses",),
-    ("atomic_write", "limits", "odds", "warm_up"),
+    ("atomic_write", "cell_index", "odds", "warm_up"),
+    ("limits",),
     ("array_types", "errors", "version"),
     ("kernels",),
 )

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from oddsmap import BeamSensor, EvidenceMap, add_scans
+from oddsmap import BeamSensor, ConeSensor, EvidenceMap, add_scans
 from oddsmap.config.config import PosteriorConfig
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.kernels.units import MAX_UNITS
@@ -320,3 +320,13 @@ def test_odd_dimensions_are_refused() -> None:
     for side in (-1, 2000):
         with pytest.raises(ConfigError, match="tiles need"):
             EvidenceMap(1.0, tile_side=side)
+
+
+def test_maps_of_different_kinds_of_sensor_do_not_merge_by_themselves() -> None:
+    beams, cones = EvidenceMap(0.1, votes="beam"), EvidenceMap(0.1, sensor=ConeSensor())
+    cones.add_cells(np.array([[1, 1]]), np.array([ONE]), np.array([0]))
+    with pytest.raises(InputError, match="kind cone is not added to one of kind beam"):
+        beams.merge(cones)
+    assert beams.cell_count() == 0
+    beams.merge(cones, any_sensor=True)
+    assert beams.cell_count() == 1

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.cell_index import cell_box, cell_indices, check_room
 from oddsmap.config.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.tiles import TileStore
@@ -30,6 +31,9 @@ from oddsmap.sensors.registry import Sensor
 from oddsmap.version import __version__
 
 __all__ = ["Evidence"]
+
+# What a region takes a cell while it is made: two weights of 8 bytes, and as much as votes.
+_REGION_BYTES = 32
 
 
 class Evidence:
@@ -177,7 +181,8 @@ class Evidence:
             hits and passes, shape (ny, nx) or (nz, ny, nx).
 
         Raises:
-            InputError: lo and hi are not d indices each, or hi < lo.
+            InputError: lo and hi are not d whole numbers each, or hi < lo.
+            MapTooLargeError: the box does not fit in memory.
         """
         hits, passes = self.region_units(lo, hi)
         return hits / ONE, passes / ONE
@@ -207,41 +212,46 @@ class Evidence:
         return self.lengths
 
     def _box(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> tuple[IntArray, IntArray]:
-        first, last = np.asarray(lo, np.int64), np.asarray(hi, np.int64)
-        if first.shape != (self.ndim,) or last.shape != first.shape or (last < first).any():
-            raise InputError(
-                f"a region needs lo <= hi of {self.ndim} indices, got {lo!r} and {hi!r}"
-            )
+        """A box that is to become an array."""
+        first, last = cell_box(lo, hi, self.ndim)
+        check_room(first, last, _REGION_BYTES)
         return first, last
 
     def add_cells(self, index: IntArray, hits: IntArray, passes: IntArray) -> None:
         """Add weights to single cells.
 
         Args:
-            index: cell indices, shape (n, d), x first, each at most once.
+            index: cell indices, shape (n, d), x first; what is given for one cell adds up.
             hits: units of 1/65536 vote, shape (n,).
             passes: units of 1/65536 vote, shape (n,).
 
         Raises:
-            InputError: a negative weight, or shapes that do not fit.
+            InputError: a negative weight, one that is no whole number, or shapes that do not fit.
             MapTooLargeError: a cell would pass 2^46 votes.
         """
-        index = np.asarray(index, np.int64)
-        shaped = index.ndim == 2 and index.shape[1] == self.ndim
-        if not (shaped and np.shape(hits) == np.shape(passes) == (len(index),)):
+        cells = cell_indices(index, self.ndim)
+        weights = [np.asarray(kind) for kind in (hits, passes)]
+        if any(weight.shape != (len(cells),) for weight in weights):
             raise InputError(f"cells need index (n, {self.ndim}), hits (n,) and passes (n,)")
-        if len(index) == 0:
+        if len(cells) == 0:
             return
-        if min(hits.min(), passes.min()) < 0:
+        if any(weight.dtype.kind not in "iu" for weight in weights):
+            raise InputError("weights are whole numbers of 1/65536 vote: multiply votes by 65536")
+        if min(int(weight.min()) for weight in weights) < 0:
             raise InputError("evidence only adds up: a weight is negative")
-        self.tiles.add_cells(index, np.stack([hits, passes], axis=1))
+        self.tiles.add_cells(cells, np.stack(weights, axis=1))
 
-    def merge(self, other: Evidence) -> None:
+    def merge(self, other: Evidence, *, any_sensor: bool = False) -> None:
         """Add another map of the same frame to this one, exactly.
+
+        Args:
+            other: the map to add.
+            any_sensor: True: also one of another kind of sensor. The sum does not know any more
+                which votes were whose, and views weigh all by this map's sensor model.
 
         Raises:
             InputError: the maps differ in resolution, dimensions, kind of votes, half-life or its
-                t_ref_ns (see `rescaled`), or in whether they keep lengths.
+                t_ref_ns (see `rescaled`), in whether they keep lengths, or in the kind of sensor.
         """
         if not isinstance(other, Evidence):
             raise InputError(
@@ -258,6 +268,12 @@ class Evidence:
                 raise InputError(
                     f"maps of different {name} cannot be added: {mine} here, {theirs} there"
                 )
+        if self.sensor.kind != other.sensor.kind and not any_sensor:
+            raise InputError(
+                f"a map of a sensor of kind {other.sensor.kind} is not added to one of kind "
+                f"{self.sensor.kind}: their votes could not be told apart any more; "
+                "any_sensor=True adds them, and this map's sensor model will weigh all"
+            )
         _merge_tiles(self.tiles, other.tiles)
         if self.lengths is not None and other.lengths is not None:
             _merge_tiles(self.lengths, other.lengths)
@@ -265,7 +281,7 @@ class Evidence:
 
     def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Self:
         """A new map with only the cells of a box; arguments and errors as in `region`."""
-        first, last = self._box(lo, hi)
+        first, last = cell_box(lo, hi, self.ndim)
         part = self.like()
         _crop_tiles(part.tiles, self.tiles, first, last)
         if part.lengths is not None and self.lengths is not None:

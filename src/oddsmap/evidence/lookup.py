@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.errors import InputError
+from oddsmap.cell_index import cell_indices
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import FRACTION_BITS
 
@@ -50,11 +50,10 @@ def units_at(evidence: Evidence, index: npt.ArrayLike) -> tuple[IntArray, IntArr
         hits and passes, shape (n,), in units of 1/65536 vote; 0 where there is no evidence.
 
     Raises:
-        InputError: an index of another shape.
+        InputError: an index of another shape, or no whole numbers.
     """
-    cells, d = np.asarray(index, np.int64), evidence.ndim
-    if cells.ndim != 2 or cells.shape[1] != d:
-        raise InputError(f"single cells need an index of shape (n, {d}), got {cells.shape}")
+    d = evidence.ndim
+    cells = cell_indices(index, d)
     store, side = evidence.tiles, evidence.tiles.side
     units = np.zeros((len(cells), 2), np.int64)
     slot = _find_rows(store.coords, cells // side)

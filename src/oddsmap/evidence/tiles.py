@@ -202,17 +202,23 @@ class TileStore:
         """Add weights to single cells; errors as in `add`.
 
         Args:
-            index: cells, shape (n, ndim), x first, each at most once.
+            index: cells, shape (n, ndim), x first; what is given for one cell adds up.
             units: non-negative weights in 1/65536 vote, shape (n, 2): hits, passes.
         """
         if len(index) == 0:
             return
         side, d = self.side, self.ndim
         coords, tile = np.unique(index // side, axis=0, return_inverse=True)
-        whole = np.zeros((len(coords), 2, side**d), np.int64)
         within = np.ravel_multi_index(tuple((index % side).T[::-1]), (side,) * d)
-        whole[tile.ravel(), :, within] = units
-        self.add(coords, whole)
+        # Flat, which NumPy adds at 20 times as fast as at three indices.
+        at = 2 * side**d * tile.ravel()[:, None] + side**d * np.arange(2) + within[:, None]
+        if units.sum(dtype=np.float64) > MAX_UNITS:  # a cell's own sum might not fit int64
+            totals = np.zeros(len(coords) * 2 * side**d)
+            np.add.at(totals, at.ravel(), units.ravel().astype(np.float64))
+            self._check_sum(int(totals.max()))
+        whole = np.zeros(len(coords) * 2 * side**d, np.int64)
+        np.add.at(whole, at.ravel(), units.ravel().astype(np.int64))
+        self.add(coords, whole.reshape(-1, 2, side**d))
 
     def add(self, coords: IntArray, units: IntArray) -> None:
         """Add weights to tiles; new tiles are made.

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
+from oddsmap.cell_index import one_cell
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.beams import BeamCells, Beams, beam_cells
 from oddsmap.forward.occupancy_box import Window
@@ -182,12 +183,12 @@ class ForwardModel:
             InputError: the window is not of the beams' dimension.
             MapTooLargeError: one beam meets more than 2^28 cells.
         """
-        first = np.asarray(lo, np.int64)
-        if first.shape != (beams.ndim,) or len(shape) != beams.ndim:
+        if np.shape(lo) != (beams.ndim,) or len(shape) != beams.ndim:
             raise InputError(
-                f"a window for {beams.ndim}D beams has as many axes, got lo {first.tolist()} and "
-                f"shape {tuple(shape)}"
+                f"a window for {beams.ndim}D beams has as many axes, got lo {lo!r} and shape "
+                f"{tuple(shape)}"
             )
+        first = one_cell(lo, beams.ndim)
         width = self.bin_width_at(resolution)
         return beam_cells(
             beams,

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
+from oddsmap.cell_index import one_cell
 from oddsmap.errors import InputError
 
 __all__ = ["Window"]
@@ -43,9 +44,7 @@ class Window:
             )
         if not 0.0 < self.resolution < math.inf:
             raise InputError(f"a window needs a positive resolution [m], got {self.resolution}")
-        lo = np.zeros(d, np.int64) if self.lo is None else np.asarray(self.lo, np.int64)
-        if lo.shape != (d,):
-            raise InputError(f"the first cell of this window has {d} indices, got {self.lo!r}")
+        lo = np.zeros(d, np.int64) if self.lo is None else one_cell(self.lo, d)
         object.__setattr__(self, "lo", lo)
         for name in ("occupancy", "detection"):
             if getattr(self, name) is None:

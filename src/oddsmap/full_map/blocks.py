@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.errors import InputError
+from oddsmap.cell_index import cell_box, check_room
 
 __all__ = ["dense_box", "listed_cells"]
 
@@ -32,10 +32,11 @@ def dense_box(
 
     Raises:
         InputError: lo and hi are not d indices each, or hi < lo.
+        MapTooLargeError: the box does not fit in memory.
     """
     d = blocks.shape[1]
-    if lo.shape != (d,) or hi.shape != (d,) or (hi < lo).any():
-        raise InputError(f"a region needs lo <= hi of {d} indices, got {lo!r} and {hi!r}")
+    lo, hi = cell_box(lo, hi, d)
+    check_room(lo, hi, 8)
     full = np.full((hi - lo)[::-1], fill, np.float64)
     shape = (side,) * d
     begin = blocks * side

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray
+from oddsmap.cell_index import one_cell
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.model import ForwardModel
@@ -88,7 +89,7 @@ class ExactPosterior:
             raise InputError(f"a window needs a positive resolution [m], got {resolution}")
         self.resolution = float(resolution)
         d = len(self.shape)
-        self.lo = np.zeros(d, np.int64) if lo is None else np.asarray(lo, np.int64)
+        self.lo = np.zeros(d, np.int64) if lo is None else one_cell(lo, d)
         if not math.isfinite(coupling):
             raise ConfigError(f"coupling is a finite number, got {coupling}")
         p = np.asarray(prior, np.float64)

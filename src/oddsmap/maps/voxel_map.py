@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.cell_index import cell_box, cell_indices
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.map_files.morton import MORTON_BITS, morton
 from oddsmap.odds import State, Thresholds, sigmoid
@@ -55,16 +56,11 @@ class VoxelMap:
     _code: IntArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        index = (
-            np.array(self.index, np.int64).reshape(-1, 3) if len(self.index) == 0 else self.index
-        )
-        index = np.asarray(index, np.int64)
+        index = cell_indices(self.index, 3)
         log_odds = np.asarray(self.log_odds, np.float64)
         levels = np.asarray(self.level)
         if levels.shape == (0,) and levels.dtype == np.uint8:
             levels = np.zeros(len(index), np.uint8)
-        if index.ndim != 2 or index.shape[1:] != (3,):
-            raise InputError(f"a 3D map needs an index of shape (n, 3), got {index.shape}")
         if not log_odds.shape == levels.shape == (len(index),):
             raise InputError(
                 f"{len(index)} leaves need log odds and levels of shape ({len(index)},), "
@@ -131,9 +127,7 @@ class VoxelMap:
         Args:
             index: cells, shape (m, 3), x first.
         """
-        cells = np.asarray(index, np.int64)
-        if cells.ndim != 2 or cells.shape[1] != 3:
-            raise InputError(f"3D cells need an index of shape (m, 3), got {cells.shape}")
+        cells = cell_indices(index, 3)
         bounds = self.bounds()
         if bounds is None:
             return np.full(len(cells), -1, np.int64)
@@ -168,8 +162,8 @@ class VoxelMap:
         """
         first, last = self.index, self.index + self.side[:, None]
         if region is not None:
-            first = np.maximum(first, np.asarray(region[0], np.int64))
-            last = np.minimum(last, np.asarray(region[1], np.int64))
+            lo, hi = cell_box(*region, 3)
+            first, last = np.maximum(first, lo), np.minimum(last, hi)
         span = np.maximum(last - first, 0)
         count = span.prod(axis=1)
         # In Python's integers: disjoint leaves could cover 2^63 cells.

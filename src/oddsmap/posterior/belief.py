@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
+from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, sigmoid
@@ -182,7 +183,7 @@ class Belief(ABC):
 
     def _region(self, region: Region | None) -> tuple[IntArray, IntArray]:
         if region is not None:
-            return np.asarray(region[0], np.int64), np.asarray(region[1], np.int64)
+            return cell_box(*region, self.ndim)
         bounds = self.bounds()
         if bounds is None:
             nothing = np.zeros(self.ndim, np.int64)

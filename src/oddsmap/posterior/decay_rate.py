@@ -29,6 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
@@ -241,7 +242,7 @@ class DecayRate:
 
     def _region(self, region: Region | None) -> tuple[IntArray, IntArray]:
         if region is not None:
-            return np.asarray(region[0], np.int64), np.asarray(region[1], np.int64)
+            return cell_box(*region, self.evidence.ndim)
         nothing = np.zeros(self.evidence.ndim, np.int64)
         return self.evidence.bounds() or (nothing, nothing)
 

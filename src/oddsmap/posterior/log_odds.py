@@ -26,6 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
+from oddsmap.cell_index import cell_indices
 from oddsmap.errors import ConfigError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
@@ -138,7 +139,7 @@ class LogOdds(Belief):
 
     def prior_at(self, index: npt.ArrayLike) -> FloatArray:
         """Log odds of the prior of single cells, shape (n,); index has shape (n, d), x first."""
-        cells = np.asarray(index, np.int64)
+        cells = cell_indices(index, self.ndim)
         if self.prior_map is None:
             return np.full(len(cells), float(logit(self.prior)))
         return self.prior_map.at(cells)
@@ -153,7 +154,7 @@ class LogOdds(Belief):
             Shape (n,); the prior's where there is no evidence.
 
         Raises:
-            InputError: an index of another shape.
+            InputError: an index of another shape, or no whole numbers.
         """
         hits, passes = units_at(self.evidence, index)
         return self.of_votes(hits / ONE, passes / ONE, self.prior_at(index))

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
+from oddsmap.cell_index import cell_box, cell_indices, check_room, one_cell
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import floor_cells, same_places
@@ -35,7 +36,9 @@ __all__ = ["PRIOR_LIMIT", "FilterView", "MapLike", "PriorArray", "PriorMap", "Pr
 PRIOR_LIMIT = 1e-6
 """Probabilities of a prior map are clipped to [1e-6, 1 - 1e-6]: no evidence changes 0 or 1."""
 
-# Cells looked up at a time for a region: bounds the memory that their indices take.
+# What a region takes a cell: one number. Its cells are looked up so many at a time, which bounds
+# the memory that their indices take.
+_REGION_BYTES = 8
 _SLAB_CELLS = 1 << 20
 
 
@@ -56,12 +59,12 @@ class PriorArray:
 
     def __post_init__(self) -> None:
         p = np.asarray(self.probability, np.float64)
-        first = np.asarray(self.first, np.int64)
-        if p.ndim not in (2, 3) or first.shape != (p.ndim,):
+        if p.ndim not in (2, 3) or np.shape(self.first) != (p.ndim,):
             raise InputError(
                 "a prior array needs shape (ny, nx) with a first cell (x, y), or (nz, ny, nx) with "
                 f"(x, y, z), got {p.shape} and {self.first!r}"
             )
+        first = one_cell(self.first, p.ndim)
         _check_probabilities(p)
         object.__setattr__(self, "probability", p)
         object.__setattr__(self, "first", first)
@@ -131,12 +134,13 @@ class PriorMap:
 
     def at(self, index: IntArray) -> FloatArray:
         """Log odds of cells, shape (n,); index has shape (n, d), x first."""
-        known = self._known(np.asarray(index, np.int64))
+        known = self._known(cell_indices(index, self.ndim))
         return np.where(np.isnan(known), self.uniform, known)
 
     def region(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> FloatArray:
         """Log odds of a box of cells, shape (ny, nx) or (nz, ny, nx); hi past the last cell."""
-        first, last = np.asarray(lo, np.int64), np.asarray(hi, np.int64)
+        first, last = cell_box(lo, hi, self.ndim)
+        check_room(first, last, _REGION_BYTES)
         if self._same is not None:
             return self._same.log_odds((first, last))
         shape = tuple(int(n) for n in (last - first)[::-1])

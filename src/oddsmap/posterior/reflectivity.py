@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
+from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import State, Thresholds
@@ -289,7 +290,7 @@ class BetaView(ABC):
 
     def _region(self, region: Region | None) -> tuple[IntArray, IntArray]:
         if region is not None:
-            return np.asarray(region[0], np.int64), np.asarray(region[1], np.int64)
+            return cell_box(*region, self.ndim)
         nothing = np.zeros(self.ndim, np.int64)
         return self.bounds() or (nothing, nothing)
 
