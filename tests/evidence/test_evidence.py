@@ -323,7 +323,10 @@ def test_odd_dimensions_are_refused() -> None:
 
 
 def test_maps_of_different_kinds_of_sensor_do_not_merge_by_themselves() -> None:
-    beams, cones = EvidenceMap(0.1, votes="beam"), EvidenceMap(0.1, sensor=ConeSensor())
+    beams, cones = (
+        EvidenceMap(0.1, votes="beam"),
+        EvidenceMap(0.1, sensor=ConeSensor(cone_deg=20.0)),
+    )
     cones.add_cells(np.array([[1, 1]]), np.array([ONE]), np.array([0]))
     with pytest.raises(InputError, match="kind cone is not added to one of kind beam"):
         beams.merge(cones)
