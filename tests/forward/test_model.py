@@ -300,7 +300,7 @@ def test_bad_input() -> None:
         Window(np.full((2, 2), np.nan), CELL)
     with pytest.raises(InputError, match="detection has the shape of occupancy"):
         Window(np.ones((2, 2)), CELL, detection=np.ones((1, 2)))
-    with pytest.raises(InputError, match="has 2 indices"):
+    with pytest.raises(InputError, match="is 2 indices, x first"):
         Window(np.ones((2, 2)), CELL, lo=np.zeros(3, np.int64))
     with pytest.raises(InputError, match="positive resolution"):
         Window(np.ones((2, 2)), 0.0)
