@@ -110,14 +110,14 @@ def _of_log(log: Log) -> dict[str, Any]:
 def _of_map(evidence: EvidenceMap, path: Path) -> dict[str, Any]:
     from oddsmap.kernels.units import ONE
 
-    _, hits, passes = evidence.cells()
+    census = evidence.census()
     facts: dict[str, Any] = {
         "map": str(path),
         "resolution": evidence.resolution,
         "votes": evidence.votes,
-        "cells known": len(hits),
-        "hits": int(hits.sum()) / ONE,
-        "passes": int(passes.sum()) / ONE,
+        "cells known": census.cells,
+        "hits": census.hits / ONE,
+        "passes": census.passes / ONE,
         "config": evidence.config.to_dict(),
         "made from": evidence.provenance,
     }

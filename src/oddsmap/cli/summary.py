@@ -19,14 +19,14 @@ def facts_of(evidence: EvidenceMap, output: Path) -> dict[str, Any]:
     """What there is to say of an evidence map that has been saved."""
     from oddsmap.kernels.units import ONE
 
-    _, hits, passes = evidence.cells()
+    census = evidence.census()
     return {
         "output": str(output),
         "resolution": evidence.resolution,
         "votes": evidence.votes,
-        "hits": int(hits.sum()) / ONE,
-        "passes": int(passes.sum()) / ONE,
-        **_extent(len(hits), evidence, output),
+        "hits": census.hits / ONE,
+        "passes": census.passes / ONE,
+        **_extent(census.cells, evidence, output),
     }
 
 

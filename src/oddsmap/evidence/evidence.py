@@ -11,7 +11,6 @@ import copy
 import dataclasses
 import math
 import os
-from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,8 +21,8 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.cell_index import cell_box, cell_indices, check_room
 from oddsmap.config.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence.tiles import TileStore
-from oddsmap.kernels.units import HITS, ONE, PASSES
+from oddsmap.evidence.tiles import Census, TileStore
+from oddsmap.kernels.units import ONE, PASSES
 from oddsmap.limits import TILE_SIDE
 from oddsmap.scans.report import Report
 from oddsmap.sensors.beam import BeamSensor
@@ -137,13 +136,15 @@ class Evidence:
         Returns:
             None where there is no evidence at all.
         """
-        lo, hi = None, None
         stores = (self.tiles, self.lengths) if self.lengths is not None else (self.tiles,)
-        for index, _ in chain.from_iterable(tiles.cells() for tiles in stores):
-            if len(index):
-                lo = index.min(axis=0) if lo is None else np.minimum(lo, index.min(axis=0))
-                hi = index.max(axis=0) if hi is None else np.maximum(hi, index.max(axis=0))
-        return None if lo is None or hi is None else (lo, hi + 1)
+        found = [box for tiles in stores if (box := tiles.census().bounds) is not None]
+        if not found:
+            return None
+        return np.min([lo for lo, _ in found], axis=0), np.max([hi for _, hi in found], axis=0)
+
+    def census(self) -> Census:
+        """How many cells have evidence, and the sums of their hits and passes, in one pass."""
+        return self.tiles.census()
 
     def cells(self) -> tuple[IntArray, IntArray, IntArray]:
         """The cells with evidence, in order of their index, x changing fastest.
@@ -151,8 +152,7 @@ class Evidence:
         Returns:
             index, shape (n, d), x first; hits and passes, shape (n,), in units of 1/65536 vote.
         """
-        index, units = _sorted_cells(self.tiles)
-        return index, units[:, HITS].copy(), units[:, PASSES].copy()
+        return self.tiles.cells()
 
     def cell_lengths(self) -> tuple[IntArray, IntArray]:
         """The cells in which beams have a length, in order of their index, x changing fastest.
@@ -163,12 +163,12 @@ class Evidence:
         Raises:
             InputError: the map keeps no lengths.
         """
-        index, units = _sorted_cells(self._kept_lengths())
-        return index, units[:, PASSES].copy()
+        index, _, lengths = self._kept_lengths().cells()
+        return index, lengths
 
     def cell_count(self) -> int:
         """How many cells have evidence."""
-        return sum(len(index) for index, _ in self.tiles.cells())
+        return self.tiles.census().cells
 
     def region(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Hits and passes [votes] of a box of cells.
@@ -340,25 +340,26 @@ class Evidence:
         )
 
 
-def _sorted_cells(tiles: TileStore) -> tuple[IntArray, IntArray]:
-    parts = list(tiles.cells())
-    index = np.concatenate([np.empty((0, tiles.ndim), np.int64), *(part[0] for part in parts)])
-    units = np.concatenate([np.empty((0, 2), np.int64), *(part[1] for part in parts)])
-    order = np.lexsort(index.T)
-    return index[order], units[order]
-
-
 def _merge_tiles(to: TileStore, tiles: TileStore) -> None:
     if to.side == tiles.side:
         to.merge(tiles)
     else:
-        to.add_cells(*_sorted_cells(tiles))
+        index, hits, passes = tiles.cells()
+        to.add_cells(index, np.stack([hits, passes], axis=1))
 
 
 def _crop_tiles(to: TileStore, tiles: TileStore, first: IntArray, last: IntArray) -> None:
-    index, units = _sorted_cells(tiles)
-    inside = ((index >= first) & (index < last)).all(axis=1)
-    to.add_cells(index[inside], units[inside])
+    side, d = tiles.side, tiles.ndim
+    for coords, units in tiles.chunks(first // side, -(-last // side)):
+        # Which of a tile's cells lie in the box, axis by axis.
+        along = coords[:, :, None] * side + np.arange(side)
+        inside = (along >= first[:, None]) & (along < last[:, None])
+        kept = inside[:, 0]
+        for axis in range(1, d):
+            kept = (inside[:, axis, :, None] & kept[:, None, :]).reshape(len(coords), -1)
+        cut = units * kept[:, None, :]
+        some = cut.any(axis=(1, 2))
+        to.add(coords[some], cut[some])
 
 
 def _add_scaled(to: TileStore, tiles: TileStore, factor: float) -> int:

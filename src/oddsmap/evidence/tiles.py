@@ -4,13 +4,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import ConfigError, MapTooLargeError
 from oddsmap.kernels.units import FRACTION_BITS, MAX_UNITS
+from oddsmap.kernels.vote.tile_census import (
+    CELLS,
+    FRACTION,
+    HIT_UNITS,
+    HIT_VOTES,
+    LARGEST,
+    PASS_UNITS,
+    PASS_VOTES,
+    TOTALS,
+    list_cells,
+    take_census,
+)
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
     TILE_COUNT,
@@ -21,7 +33,7 @@ from oddsmap.kernels.vote.tiles import (
 )
 from oddsmap.limits import memory_limit
 
-__all__ = ["TileStore"]
+__all__ = ["Census", "TileStore"]
 
 
 # Slots of an empty hash table, a power of two.
@@ -31,6 +43,27 @@ _MIN_SLOTS = 16
 _GROWTH = 8
 # Tiles handled at a time where they are widened to 64 bits: bounds the memory that takes.
 _CHUNK_TILES = 4096
+
+
+# No index is as large as this.
+_NOWHERE = 1 << 62
+
+
+class Census(NamedTuple):
+    """What is in a store of tiles."""
+
+    cells: int
+    """How many have a weight."""
+    hits: int
+    """Sum of their hits, in units of 1/65536 vote."""
+    passes: int
+    """Likewise."""
+    largest: int
+    """The largest weight of one cell, likewise."""
+    whole_votes: bool
+    """Whether every weight is a number of whole votes."""
+    bounds: tuple[IntArray, IntArray] | None
+    """First index and one past the last, shape (ndim,) each, x first; None where it is empty."""
 
 
 class TileStore:
@@ -165,23 +198,58 @@ class TileStore:
         units[rows >= 0] += self.arrays.wide[rows[rows >= 0]]
         return units
 
-    def chunks(self) -> Iterator[tuple[IntArray, IntArray]]:
-        """All tiles, a few thousand at a time: coordinates (n, ndim) and units (n, 2, cells)."""
-        for start in range(0, self.count, _CHUNK_TILES):
-            part = slice(start, min(start + _CHUNK_TILES, self.count))
+    def chunks(
+        self, lo: IntArray | None = None, hi: IntArray | None = None
+    ) -> Iterator[tuple[IntArray, IntArray]]:
+        """The tiles, a few thousand at a time: coordinates (n, ndim) and units (n, 2, cells).
+
+        Args:
+            lo: only tiles from these coordinates on, shape (ndim,).
+            hi: only tiles before these.
+        """
+        chosen = np.ones(self.count, np.bool_)
+        if lo is not None:
+            chosen &= (self.coords >= lo).all(axis=1)
+        if hi is not None:
+            chosen &= (self.coords < hi).all(axis=1)
+        slots = np.flatnonzero(chosen)
+        for start in range(0, len(slots), _CHUNK_TILES):
+            part = slots[start : start + _CHUNK_TILES]
             yield self.arrays.coords[part], self.units(part)
 
-    def cells(self) -> Iterator[tuple[IntArray, IntArray]]:
-        """All cells with a weight, a few thousand tiles at a time, in the order of the tiles.
+    def census(self) -> Census:
+        """What there is, in one pass over the tiles."""
+        lo, hi = np.full((2, self.ndim), _NOWHERE) * [[1], [-1]]
+        totals = np.zeros(TOTALS, np.int64)
+        take_census(self.arrays, self.side, lo, hi, totals)
+        whole = totals.tolist()
+        return Census(
+            cells=whole[CELLS],
+            hits=(whole[HIT_VOTES] << FRACTION_BITS) + whole[HIT_UNITS],
+            passes=(whole[PASS_VOTES] << FRACTION_BITS) + whole[PASS_UNITS],
+            largest=whole[LARGEST],
+            whole_votes=whole[FRACTION] == 0,
+            bounds=(lo, hi) if whole[CELLS] else None,
+        )
 
-        Yields:
-            index, shape (n, ndim), x first; units of hits and passes, shape (n, 2).
+    def cells(self) -> tuple[IntArray, IntArray, IntArray]:
+        """The cells with a weight in order of their index, x changing fastest.
+
+        Returns:
+            index, shape (n, ndim), x first; units of hits and passes, shape (n,) each.
         """
-        for coords, units in self.chunks():
-            tile, cell = np.nonzero(units.any(axis=1))
-            # Cells of a tile lie row by row, x fastest: the reverse of the axes of coords.
-            within = np.stack(np.unravel_index(cell, (self.side,) * self.ndim)[::-1], axis=1)
-            yield coords[tile] * self.side + within, units[tile, :, cell]
+        coords = self.coords
+        order = np.lexsort(coords.T)
+        # Where another row of tiles begins.
+        rows = (np.diff(coords[order, 1:], axis=0) != 0).any(axis=1)
+        starts = np.concatenate([[0], np.flatnonzero(rows) + 1, [len(order)]]).astype(np.int64)
+        if len(order) == 0:
+            starts = starts[:1]
+        count = self.census().cells
+        index = np.empty((count, self.ndim), np.int64)
+        hits, passes = np.empty(count, np.int64), np.empty(count, np.int64)
+        list_cells(self.arrays, self.side, order, starts, index, hits, passes)
+        return index, hits, passes
 
     def region(self, lo: IntArray, hi: IntArray) -> IntArray:
         """Units of a box of cells, shape (2, ny, nx) or (2, nz, ny, nx): hits, passes."""
