@@ -22,8 +22,9 @@ def reach(
     unseen = ranges == np.inf
     over = (ranges >= (sensor.range_max or math.inf)) & ~unseen
     below = ranges < sensor.range_min
+    zero = (ranges == 0) & ~below
     far = ranges.copy()
-    far[below] = np.nan
+    far[below | zero] = np.nan
     clear_unseen = sensor.range_max if sensor.clear_range is None else sensor.clear_range
     far[unseen] = np.nan if clear_unseen is None else clear_unseen
     far[over] = np.nan if sensor.clear_range is None else sensor.clear_range
@@ -31,6 +32,7 @@ def reach(
         {
             "beam.nan": int(np.isnan(ranges).sum()),
             "beam.below_range_min": int(below.sum()),
+            "beam.zero_range": int(zero.sum()),
             "beam.no_return": int(((unseen | over) & np.isnan(far)).sum()),
         }
     )
@@ -40,7 +42,7 @@ def reach(
 def vector(scan: Scan, i: int) -> tuple[FloatArray, float]:
     """A vector along beam i in the map frame, and its length [m]: its point where it has one."""
     along, length = scan.directions[i], 1.0
-    if scan.measured_points is not None and scan.ranges[i] > 0:
+    if scan.measured_points is not None:
         along, length = scan.measured_points[i], float(scan.ranges[i])
     rotation = scan.map_from_sensor.rotation
     ray = np.zeros(len(along))

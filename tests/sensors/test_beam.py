@@ -36,7 +36,6 @@ def what_becomes(
         # An ordinary reading, below and above what is known of the sensor.
         (BeamSensor(), 2.0, (2.0, True), None),
         (BeamSensor(), 1e6, (1e6, True), None),
-        (BeamSensor(), 0.0, (0.0, True), None),
         (
             BeamSensor(range_max=5.0),
             math.nextafter(5.0, 0.0),
@@ -60,6 +59,12 @@ def what_becomes(
         (BeamSensor(range_max=5.0, clear_range=3.0), -INF, None, "beam.below_range_min"),
         (BeamSensor(range_max=5.0, clear_range=3.0), NAN, None, "beam.nan"),
         (BeamSensor(), -0.001, None, "beam.below_range_min"),
+        # What drivers write where there was no return: it neither marks nor clears.
+        (BeamSensor(), 0.0, None, "beam.zero_range"),
+        (BeamSensor(), -0.0, None, "beam.zero_range"),
+        (BeamSensor(range_max=5.0, clear_range=3.0), 0.0, None, "beam.zero_range"),
+        (BeamSensor(range_min=0.5), 0.0, None, "beam.below_range_min"),
+        (BeamSensor(), math.nextafter(0.0, 1.0), (math.nextafter(0.0, 1.0), True), None),
         (BeamSensor(range_min=0.5), 0.4999, None, "beam.below_range_min"),
         (BeamSensor(range_min=0.5), 0.5, (0.5, True), None),
     ],

@@ -110,13 +110,22 @@ def test_each_way_finds_the_same(way: str, reading: float) -> None:
         assert WAYS[way](reading, clear_range) == wanted, clear_range
 
 
+@pytest.mark.parametrize("way", WAYS)
+def test_zero_neither_marks_nor_clears(way: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drivers write 0 where there was no return; no range_min has to be given for that."""
+    monkeypatch.setitem(globals(), "RANGE_MIN", 0.0)
+    wanted = NAN if way.startswith("depth") else "beam.zero_range"
+    for clear_range in (None, CLEAR_RANGE):
+        assert WAYS[way](0.0, clear_range) == wanted
+
+
 def test_arrays_are_sorted_as_single_readings_are() -> None:
     limits = BeamSensor(range_min=RANGE_MIN, range_max=RANGE_MAX).limits
     readings = np.array(list(TABLE))
     verdicts = judge_readings(readings, limits)
     assert verdicts.seen.tolist() == [TABLE[z][0] == HIT for z in TABLE]
     assert verdicts.used.tolist() == [TABLE[z][0] in (HIT, CLEARS) for z in TABLE]
-    assert verdicts.skipped == {NAN: 1, BELOW: 4, LOST: 2}
+    assert +verdicts.skipped == {NAN: 1, BELOW: 4, LOST: 2}
     assert np.array_equal(verdicts.reach[verdicts.seen], readings[verdicts.seen])
     assert verdicts.reach[-1] == RANGE_MAX
     assert np.isnan(verdicts.reach[~verdicts.used]).all()

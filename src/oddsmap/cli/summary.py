@@ -95,6 +95,7 @@ _WHY = {
     "beam.no_return": " (cleared nothing: a fault looks the same; --clear-range M lets them clear)",
     "beam.nan": " (no information)",
     "beam.below_range_min": " (no information)",
+    "beam.zero_range": " (a range of 0 is no reading)",
     "scan.forgotten": " (so old that they weigh nothing: map.half_life)",
     "vote.underflow": " (weights too old to count in a cell: map.half_life)",
     "length.underflow": " (lengths too old to count in a cell: map.half_life)",

@@ -20,7 +20,7 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.integrate.to_cells import check_size
-from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT
+from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT, REASONS
 from oddsmap.kernels.trace.readings import BELOW, NAN, NO_RETURN
 from oddsmap.kernels.vote.depth_image import TEXEL_BITS, depth_box, mark_ends, mark_free, read_depth
 from oddsmap.limits import MAX_COORDINATE
@@ -100,7 +100,7 @@ class ProjectiveIntegrator(Integrator3D):
         depth = np.ascontiguousarray(scan.depth)
         if depth.dtype != np.float32:
             depth = depth.astype(np.float64)
-        skipped = np.zeros(5, np.int64)
+        skipped = np.zeros(REASONS, np.int64)
         used = read_depth(
             depth, image.range_per_depth, self._sensor.limits,
             image.clear, image.seen, image.min_clear, image.max_clear, skipped,

@@ -97,7 +97,8 @@ class Scan:
         Args:
             map_from_sensor: pose of the sensor in the map frame.
             points: points in the sensor frame [m], shape (n, 3). One that is not finite becomes a
-                range of NaN, so that it is counted; one at the sensor itself has range 0.
+                range of NaN, so that it is counted; one at the sensor itself has range 0, which is
+                counted as well and marks nothing.
             stamp_ns: time of the scan [ns].
 
         Raises:

@@ -68,8 +68,8 @@ def cut_scans(
         body: corners of a box in the sensor frame in which no return marks [m], shape (2, 3).
         farthest: a scan with a beam that starts this far from the map's origin is skipped [m].
     """
-    from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT, cut_beams
-    from oddsmap.kernels.trace.readings import BELOW, NAN, NO_RETURN
+    from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT, REASONS, cut_beams
+    from oddsmap.kernels.trace.readings import BELOW, NAN, NO_RETURN, ZERO
 
     beams = ranges_of(scans)
     finite = [scan for scan in beams if scan.map_from_sensor.is_finite]
@@ -88,7 +88,7 @@ def cut_scans(
         scan.directions if scan.measured_points is None else scan.measured_points
         for scan in (finite[:1] if shared else finite)
     ]
-    counts = np.zeros(5, np.int64)
+    counts = np.zeros(REASONS, np.int64)
     ends = np.empty((starts[-1], d))
     half_width = shape.half_width
     tips = np.empty_like(ends) if half_width > 0 else ends
@@ -129,6 +129,7 @@ def cut_scans(
             "beam.nan": int(counts[NAN]),
             "beam.below_range_min": int(counts[BELOW]),
             "beam.no_return": int(counts[NO_RETURN]),
+            "beam.zero_range": int(counts[ZERO]),
             "hit.outside_heights": int(counts[HEIGHT]),
             "hit.on_body": int(counts[BODY]),
         }

@@ -38,7 +38,15 @@ class Verdicts(NamedTuple):
 
 def judge_readings(ranges: FloatArray, limits: Limits) -> Verdicts:
     """Sort readings [m], shape (n,)."""
-    from oddsmap.kernels.trace.readings import BELOW, CLEARS, NAN, NO_RETURN, SEEN, judge_all
+    from oddsmap.kernels.trace.readings import (
+        BELOW,
+        CLEARS,
+        NAN,
+        NO_RETURN,
+        SEEN,
+        ZERO,
+        judge_all,
+    )
 
     verdict, reach = np.empty(len(ranges), np.uint8), np.empty(len(ranges))
     judge_all(np.ascontiguousarray(ranges, np.float64), limits, verdict, reach)
@@ -48,6 +56,7 @@ def judge_readings(ranges: FloatArray, limits: Limits) -> Verdicts:
             "beam.nan": int(count[NAN]),
             "beam.below_range_min": int(count[BELOW]),
             "beam.no_return": int(count[NO_RETURN]),
+            "beam.zero_range": int(count[ZERO]),
         }
     )
     return Verdicts(verdict == SEEN, verdict >= CLEARS, reach, skipped)

@@ -16,11 +16,12 @@ import numpy.typing as npt
 from oddsmap.kernels.jit import borrowing
 from oddsmap.kernels.trace.readings import CLEARS, NAN, SEEN, Limits, judge
 
-__all__ = ["BODY", "HEIGHT", "ScanCells", "cell_bounds", "cut_beams"]
+__all__ = ["BODY", "HEIGHT", "REASONS", "ScanCells", "cell_bounds", "cut_beams"]
 
-HEIGHT, BODY = 3, 4
+HEIGHT, BODY, REASONS = 4, 5, 6
 """Why a hit is skipped: outside the heights that may mark, or on the robot's own body. In the
-counts they follow why a beam is: NAN, BELOW and NO_RETURN of `readings.py`."""
+counts, of which there are REASONS, they follow why a beam is: NAN, BELOW, NO_RETURN and ZERO of
+`readings.py`."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -98,7 +99,7 @@ def cut_beams(
         fades: where passes begin to fade; may be `ends` itself where fade is 0.
         hit: False where the beam only clears, shape (n,).
         offsets: first usable beam of each bundle and the end, shape (bundles + 1,).
-        skipped: counts by NAN, BELOW, NO_RETURN, HEIGHT, BODY, added to.
+        skipped: counts by NAN, BELOW, NO_RETURN, ZERO, HEIGHT, BODY, added to.
     """
     # Scalars for three axes, the third of which is idle in 2D: loops over axes of a length
     # known only at run time cost three times as much.
@@ -135,7 +136,7 @@ def cut_beams(
                 continue
             half = half_width if seen else 0.0
             # How many vectors to go: of points exactly 1 to the return.
-            length = reading if measured[bundle] and reading > 0.0 else 1.0
+            length = reading if measured[bundle] else 1.0
             near = max(reach - half, 0.0) / length
             ends[used, 0], ends[used, 1] = ox + rx * near, oy + ry * near
             if in_3d:

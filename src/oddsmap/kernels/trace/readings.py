@@ -15,12 +15,13 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import inlined, kernel
 
-__all__ = ["BELOW", "CLEARS", "NAN", "NO_RETURN", "SEEN", "Limits", "judge", "judge_all"]
+__all__ = ["BELOW", "CLEARS", "NAN", "NO_RETURN", "SEEN", "ZERO", "Limits", "judge", "judge_all"]
 
 FloatArray = npt.NDArray[np.float64]
 
-NAN, BELOW, NO_RETURN, CLEARS, SEEN = 0, 1, 2, 3, 4
-"""No number; below range_min; a no-return that clears nothing; one that clears; a return."""
+NAN, BELOW, NO_RETURN, ZERO, CLEARS, SEEN = 0, 1, 2, 3, 4, 5
+"""No number; below range_min; a no-return that clears nothing; exactly 0; a no-return that clears;
+a return."""
 
 Limits: TypeAlias = tuple[float, float, float, float]
 """range_min, range_max (inf where unknown), how far +Inf clears, how far a finite no-return clears
@@ -29,11 +30,17 @@ Limits: TypeAlias = tuple[float, float, float, float]
 
 @inlined
 def judge(reading: float, limits: Limits) -> tuple[int, float]:
-    """What a reading [m] is, and how far it says something [m]; -Inf is below any range_min."""
+    """What a reading [m] is, and how far it says something [m]; -Inf is below any range_min.
+
+    Exactly 0 is what drivers write where there was no return, whatever the reason: as a hit it
+    would mark the sensor's own cell, as a no-return it would clear what nobody looked through.
+    """
     if math.isnan(reading):
         return NAN, math.nan
     if reading < limits[0]:
         return BELOW, math.nan
+    if reading == 0.0:
+        return ZERO, math.nan
     if reading < limits[1]:
         return SEEN, reading
     reach = limits[2] if reading == np.inf else limits[3]
