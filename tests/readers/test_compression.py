@@ -3,12 +3,14 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import oddsmap.readers.compression
 from oddsmap.errors import InputError
 from oddsmap.readers.compression import HEAD_SIZE, open_source
 
@@ -90,6 +92,25 @@ def test_a_damaged_gzip_loses_little_before_the_damage(tmp_path: Path) -> None:
     source = open_source(path, skip_bad=True)
     assert source.damage == "corrupt gzip file"
     assert text[: int(0.4 * len(text))] == source.content[: int(0.4 * len(text))]
+
+
+@pytest.mark.parametrize("compress", [gzip.compress, bz2.compress])
+def test_a_container_cannot_fill_the_memory(
+    tmp_path: Path, compress: Callable[[bytes], bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A few bytes may stand for any number of zeros; all of a small file is read, whatever it is."""
+    monkeypatch.setattr(oddsmap.readers.compression, "_ALWAYS_HELD", 4 * 2**20)
+    path = tmp_path / "zeros.log"
+    for size in (4 * 2**20, 4 * 2**20 + 1, 40 * 2**20):
+        path.write_bytes(compress(bytes(size)))
+        if size == 4 * 2**20:
+            assert len(open_source(path).content) == size
+            continue
+        tracemalloc.start()
+        with pytest.raises(InputError, match=r"zeros.log: \d+ bytes of \w+ hold more than 4 MiB"):
+            open_source(path, skip_bad=True)
+        assert tracemalloc.get_traced_memory()[1] < 16 * 2**20
+        tracemalloc.stop()
 
 
 def test_other_bytes_after_the_data_are_refused(tmp_path: Path) -> None:

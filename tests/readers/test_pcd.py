@@ -74,6 +74,62 @@ def test_a_file_that_holds_more_than_promised_says_both_numbers(
         open_log(path)
 
 
+@pytest.mark.parametrize("pad", [1, 11, 12, 4096])
+def test_zeros_after_the_last_point_are_padding(tmp_path: Path, pad: int) -> None:
+    """PCL before 1.9 fills binary files to a whole page."""
+    plain = pcd_bytes(POINTS, fields=FIELDS)
+    (expected,) = open_log(write(tmp_path, plain))
+    log = open_log(write(tmp_path, plain + bytes(pad)))
+    (scan,) = log
+    np.testing.assert_array_equal(scan.ranges, expected.ranges)
+    assert [note.code for note in log.notes] == ["cloud.padding", "pose.assumed"]
+    assert log.notes[0].startswith(f"{pad} zero bytes after the last point were left out")
+    with pytest.raises(InputError, match="the header promises 4 points, the file holds"):
+        open_log(write(tmp_path, plain + bytes(4095) + b"\x01"))
+    with pytest.raises(InputError, match="the header promises 4 points, the file holds 3"):
+        open_log(write(tmp_path, plain[:-1]))
+
+
+def test_the_padding_of_a_folder_is_one_note(tmp_path: Path) -> None:
+    for i in range(3):
+        content = pcd_bytes(POINTS) + bytes(100 * (i > 0))
+        (tmp_path / f"{i}.pcd").write_bytes(content)
+    (tmp_path / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3)
+    log = open_log(tmp_path)
+    for _ in range(2):
+        assert len(list(log)) == 3
+    (note,) = log.notes
+    assert note == (
+        f"2 files, the first {tmp_path / '1.pcd'}: 100 zero bytes after the last point were left "
+        "out: PCL before 1.9 adds them"
+    )
+
+
+def test_headers_of_absurd_sizes_are_one_line(tmp_path: Path) -> None:
+    many = b"9" * 5000
+    for old, new in (
+        (b"WIDTH 4", b"WIDTH " + many),
+        (b"COUNT 1 1 1", b"COUNT 1 1 " + many),
+        (b"SIZE 4 4 4", b"SIZE 4 4 " + many),
+    ):
+        for encoding in ENCODINGS:
+            path = write(tmp_path, pcd_bytes(POINTS, encoding).replace(old, new))
+            with pytest.raises(
+                InputError, match="whole numbers are expected, of up to 18"
+            ) as caught:
+                open_log(path)
+            assert len(str(caught.value)) < 250
+    # A record longer than any file, which nothing bounds where there are no points.
+    fields = ("x", "F", 4, 1), ("y", "F", 4, 1), ("z", "F", 4, 1), ("w", "F", 8, 10**17)
+    for encoding in ENCODINGS:
+        content = pcd_bytes(np.empty((0, 3)), encoding, fields=fields)
+        (scan,) = open_log(write(tmp_path, content))
+        assert scan.size == 0
+        path = write(tmp_path, content.replace(b"WIDTH 0", b"WIDTH 5").replace(b"S 0", b"S 5"))
+        with pytest.raises(InputError, match="promises 5 points"):
+            open_log(path)
+
+
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_no_points_are_an_empty_scan(tmp_path: Path, encoding: str) -> None:
     (scan,) = open_log(write(tmp_path, pcd_bytes(np.empty((0, 3)), encoding)))

@@ -44,6 +44,12 @@ def test_a_header_that_promises_more_says_both_numbers(tmp_path: Path, encoding:
         (b"element vertex", b"element vertices", "0 PLY elements `vertex`"),
         (b"float x", b"float w", "0 x `x` .red w y z nx.: a scan needs"),
         (b"float x", b"int x", "property `x` is int: it must be float or double"),
+        (b"element face 3", b"element face " + b"9" * 5000, "is not a line of a PLY header"),
+        (
+            b"element camera 2",
+            b"element camera " + b"9" * 18,
+            "promises 3 points, the file holds 0",
+        ),
         (b"float x", b"quad x", r"a\.ply:8: 'property quad x' is not a line of a PLY header"),
         (b"short nx", b"list uchar int nx", "a list in the PLY element `vertex`"),
         (b"double focus", b"list uchar int focus", "a list in the PLY element `camera`"),

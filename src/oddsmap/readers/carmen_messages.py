@@ -26,6 +26,7 @@ import numpy as np
 
 from oddsmap.array_types import FloatArray
 from oddsmap.poses.pose import Pose2
+from oddsmap.readers.plain_text import is_number, to_number
 
 __all__ = ["LASER_KINDS", "BadLineError", "LaserLine", "beam_directions", "parse_laser_line"]
 
@@ -191,18 +192,10 @@ def _check_not_long(kind: str, fields: list[bytes], n: int, host_index: int) -> 
     name, which is not a number and, where only the end is longer, still in its place.
     """
     extra = len(fields) - (host_index + 2)
-    if extra > 0 and _is_number(fields[host_index]):
+    if extra > 0 and is_number(fields[host_index].decode("ascii", "replace")):
         raise BadLineError(
             "line.long", f"{kind} announces {n} ranges, the line has {extra} fields too many"
         )
-
-
-def _is_number(text: bytes) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _parse_numbers(kind: str, fields: list[bytes]) -> FloatArray:
@@ -213,8 +206,12 @@ def _parse_numbers(kind: str, fields: list[bytes]) -> FloatArray:
             return np.array(fields, dtype=np.float64)
     except ValueError:
         pass
-    bad = next(text for text in fields if b"_" in text or not _is_number(text))
-    raise BadLineError("line.malformed", f"{kind} needs numbers, got {_show(bad)}")
+    words = [text.decode("ascii", "replace") for text in fields]
+    try:
+        return np.array([to_number(word) for word in words])  # NaN as some C libraries spell it
+    except ValueError:
+        bad = next(text for text, word in zip(fields, words, strict=True) if not is_number(word))
+        raise BadLineError("line.malformed", f"{kind} needs numbers, got {_show(bad)}") from None
 
 
 def _show(text: bytes) -> str:

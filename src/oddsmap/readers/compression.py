@@ -23,6 +23,11 @@ HEAD_SIZE = 64 * 1024
 # The reason under which a container that ends early is counted.
 TRUNCATED = "container.truncated"
 
+# What a container may hold [bytes]: this much, or this many times its own size. Text logs shrink to
+# a tenth; a file that shrinks to a thousandth is zeros, or made to fill memory.
+_ALWAYS_HELD = 256 * 1024 * 1024
+_MAX_RATIO = 100
+
 # A decompressor that meets a damaged byte throws away the output of the whole call, so that the
 # size of a call [bytes] bounds what is lost of a corrupt gzip file.
 _PIECE_SIZE = 4096
@@ -71,13 +76,14 @@ def open_source(path: str | os.PathLike[str], *, skip_bad: bool = False) -> Sour
 
     Raises:
         InputError: the file is missing, a directory, unreadable or empty, or its container is
-            damaged and `skip_bad` is false, or nothing of it can be read.
+            damaged and `skip_bad` is false, or nothing of it can be read, or it holds so much
+            more than its size that it would fill the memory.
     """
     name = os.fspath(path)
     raw = _read_bytes(Path(path), name)
     for compression, magic, new_stream in _COMPRESSIONS:
         if raw.startswith(magic):
-            content, damage = _decompress(raw, compression, magic, new_stream)
+            content, damage = _decompress(name, raw, compression, magic, new_stream)
             break
     else:
         content, damage = raw, None
@@ -114,7 +120,7 @@ class _Stream(Protocol):
     def eof(self) -> bool: ...
     @property
     def unused_data(self) -> bytes: ...
-    def decompress(self, data: bytes, /) -> bytes: ...
+    def decompress(self, data: bytes, max_length: int, /) -> bytes: ...
 
 
 class _NewStream(Protocol):
@@ -132,17 +138,25 @@ _COMPRESSIONS: tuple[tuple[str, bytes, _NewStream], ...] = (
 
 
 def _decompress(
-    raw: bytes, compression: str, magic: bytes, new_stream: _NewStream
+    name: str, raw: bytes, compression: str, magic: bytes, new_stream: _NewStream
 ) -> tuple[bytes, str | None]:
     """Undo one compression; returns the content and what is wrong with the container."""
     parts: list[bytes] = []
+    most = left = max(_ALWAYS_HELD, _MAX_RATIO * len(raw))
     stream = new_stream()
     position = 0
     try:
         while position < len(raw):
             piece = raw[position : position + _PIECE_SIZE]
             position += len(piece)
-            parts.append(stream.decompress(piece))
+            # One byte more than may come, so that an output of all that may is no question.
+            parts.append(stream.decompress(piece, left + 1))
+            left -= len(parts[-1])
+            if left < 0:
+                raise InputError(
+                    f"{name}: {len(raw)} bytes of {compression} hold more than "
+                    f"{most // 2**20} MiB, as no log does: decompress the file first if it is right"
+                )
             if not stream.eof:
                 continue
             # Another member may follow, and so may padding with zeros (tapes): both are legal.

@@ -3,7 +3,7 @@
 
 Fields x, y and z are floats of 4 or 8 bytes, anywhere among the others, which are ignored. A
 text of a 4-byte field is rounded to 4 bytes. VIEWPOINT is the pose of the sensor (x y z qw qx qy
-qz); points are in the frame of the sensor.
+qz). PCL before 1.9 fills binary files with zeros to a whole page of memory.
 
 Source: https://pointclouds.org/documentation/tutorials/pcd_file_format.html
 """
@@ -19,10 +19,13 @@ import numpy as np
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
+from oddsmap.readers.cloud_header import MAX_DIGITS, HeaderLine, header_lines, is_count
 from oddsmap.readers.compression import Source
 from oddsmap.readers.lzf import decompress
 from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
+from oddsmap.readers.plain_text import split_lines, to_number, without_bom
 from oddsmap.readers.text_table import parse_table
+from oddsmap.scans.note import Note
 
 __all__ = ["matches", "read_pcd", "read_viewpoint", "viewpoint_pose"]
 
@@ -60,22 +63,25 @@ def read_pcd(source: Source) -> Cloud:
     Raises:
         InputError: a header that says nothing usable, or another count of points than it promises.
     """
+    source = without_bom(source)
     header = _read_header(source)
     body = source.content[header.body_start :]
+    notes: tuple[Note, ...] = ()
     if header.encoding == "ascii":
         points = _read_ascii(source.path, body, header)
     elif header.encoding == "binary":
+        body, notes = _without_padding(body, header.point_count * header.stride)
         points = unpack_points(
             source.path, body, header.point_count, header.offsets, header.types, header.stride
         )
     else:
         points = _read_compressed(source.path, body, header)
-    return Cloud(points, header.viewpoint)
+    return Cloud(points, header.viewpoint, notes)
 
 
 def read_viewpoint(source: Source) -> tuple[float, ...]:
     """The VIEWPOINT of a PCD file of which the header alone is at hand."""
-    return _read_header(source).viewpoint
+    return _read_header(without_bom(source)).viewpoint
 
 
 def viewpoint_pose(path: str, viewpoint: tuple[float, ...] | None) -> Pose3 | None:
@@ -95,21 +101,25 @@ def viewpoint_pose(path: str, viewpoint: tuple[float, ...] | None) -> Pose3 | No
 
 
 def _read_header(source: Source) -> _Header:
+    path = source.path
     entries: dict[str, list[str]] = {}
-    start, line_number = 0, 0
-    while "DATA" not in entries:
-        end = source.content.find(b"\n", start)
-        if end < 0:
-            raise InputError(f"{source.path}: the PCD header has no DATA line: copy it again")
-        words = source.content[start:end].decode("ascii", "replace").split()
-        start, line_number = end + 1, line_number + 1
+    last = HeaderLine(0, [], 0)
+    for last in header_lines(source):
+        words = last.words
         if words and not words[0].startswith("#"):
             entries["FIELDS" if words[0] == "COLUMNS" else words[0]] = words[1:]
-    path = source.path
+        if "DATA" in entries:
+            break
+    else:
+        raise InputError(f"{path}: the PCD header has no DATA line: copy it again")
     for name in ("FIELDS", "SIZE", "TYPE"):
         if name not in entries:
             raise InputError(f"{path}: the PCD header has no {name} line: check what wrote it")
-    names = entries["FIELDS"]
+    # X, Y and Z as some programs write them, where x, y and z do not stand beside them.
+    names = [
+        name.lower() if name in ("X", "Y", "Z") and name.lower() not in entries["FIELDS"] else name
+        for name in entries["FIELDS"]
+    ]
     sizes = _integers(path, "SIZE", entries["SIZE"], len(names))
     counts = _integers(path, "COUNT", entries.get("COUNT", ["1"] * len(names)), len(names))
     kinds = entries["TYPE"]
@@ -131,16 +141,19 @@ def _read_header(source: Source) -> _Header:
         point_count=_point_count(path, entries),
         viewpoint=_viewpoint(path, entries.get("VIEWPOINT")),
         encoding=encoding,
-        body_start=start,
-        body_line=line_number + 1,
+        body_start=last.end,
+        body_line=last.number + 1,
     )
 
 
 def _integers(path: str, name: str, words: list[str], count: int) -> list[int]:
     if len(words) != count:
         raise InputError(f"{path}: {name} has {len(words)} values for {count} FIELDS")
-    if not all(word.isdecimal() for word in words):
-        raise InputError(f"{path}: {name} {' '.join(words)[:60]!r}: whole numbers are expected")
+    if not all(is_count(word) for word in words):
+        raise InputError(
+            f"{path}: {name} {' '.join(words)[:60]!r}: whole numbers are expected, "
+            f"of up to {MAX_DIGITS} digits"
+        )
     return [int(word) for word in words]
 
 
@@ -185,7 +198,7 @@ def _viewpoint(path: str, words: list[str] | None) -> tuple[float, ...]:
     if words is None:
         return _IDENTITY
     try:
-        values = tuple(float(word) for word in words)
+        values = tuple(to_number(word) for word in words)
     except ValueError:
         values = ()
     if len(values) != 7:
@@ -197,12 +210,23 @@ def _viewpoint(path: str, words: list[str] | None) -> tuple[float, ...]:
 
 
 def _read_ascii(path: str, body: bytes, header: _Header) -> FloatArray:
-    lines = body.decode("ascii", "replace").split("\n")
+    lines = split_lines(body.decode("utf-8-sig", "replace"))
     numbers = [n for n, line in enumerate(lines, start=header.body_line) if line.strip()]
     lines = [line for line in lines if line.strip()]
     check_size(path, header.point_count, len(lines))
+    if not lines:  # then nothing bounds the count of columns, which NumPy may not take
+        return np.empty((0, 3))
     table = parse_table(path, lines, numbers, header.column_count)
     return pick_columns(table, header.columns, header.types)
+
+
+def _without_padding(body: bytes, wanted: int) -> tuple[bytes, tuple[Note, ...]]:
+    """The records of a file of which all that follows them is zeros."""
+    tail = body[wanted:]
+    if not tail or any(tail):
+        return body, ()
+    text = f"{len(tail)} zero bytes after the last point were left out: PCL before 1.9 adds them"
+    return body[:wanted], (Note(text, code="cloud.padding"),)
 
 
 def _read_compressed(path: str, body: bytes, header: _Header) -> FloatArray:

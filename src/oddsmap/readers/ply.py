@@ -3,7 +3,7 @@
 
 Properties x, y and z of the element `vertex` are floats of 4 or 8 bytes; other properties and
 elements (faces) are ignored. Lists within or before the vertices, which no point cloud has,
-are refused. PLY holds no pose.
+are refused. PLY holds no pose. Types may have the names of C or of NumPy.
 
 Source: Turk, The PLY polygon file format (1994).
 """
@@ -12,9 +12,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
+from oddsmap.readers.cloud_header import header_lines, is_count
 from oddsmap.readers.compression import Source
+from oddsmap.readers.plain_text import split_lines, without_bom
 from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
 from oddsmap.readers.text_table import parse_table
 
@@ -24,14 +28,16 @@ _SIZES = {
     **{"char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2},
     **{"uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4, "float": 4, "float32": 4},
     **{"double": 8, "float64": 8},
+    **{"i1": 1, "u1": 1, "i2": 2, "u2": 2, "i4": 4, "u4": 4, "f4": 4, "f8": 8},
 }
-_FLOATS = ("float", "float32", "double", "float64")
+_FLOATS = ("float", "float32", "f4", "double", "float64", "f8")
 _BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 def matches(head: bytes) -> bool:
     """Whether a file that starts like this is a PLY file."""
-    return head.startswith((b"ply\n", b"ply\r\n"))
+    first = head[:64].splitlines()[:1]
+    return bool(first) and first[0].rstrip() == b"ply" and len(head) > len(first[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +64,7 @@ def read_ply(source: Source) -> Cloud:
     Raises:
         InputError: a header that says nothing usable, or another count of points than it promises.
     """
+    source = without_bom(source)
     encoding, elements, start, line_number = _read_header(source)
     path = source.path
     names = [element.name for element in elements]
@@ -87,19 +94,17 @@ def _read_header(source: Source) -> tuple[str, list[_Element], int, int]:
     path = source.path
     encoding = ""
     elements: list[_Element] = []
-    start, number = 0, 0
-    while True:
-        end = source.content.find(b"\n", start)
-        if end < 0:
-            raise InputError(f"{path}: the PLY header has no end_header: copy the file again")
-        words = source.content[start:end].decode("ascii", "replace").split()
-        start, number = end + 1, number + 1
+    for number, words, end in header_lines(source):
         match words:
             case ["end_header"]:
-                break
+                if encoding:
+                    return encoding, elements, end, number + 1
+                raise InputError(
+                    f"{path}: the PLY header has no format line: check what wrote the file"
+                )
             case ["format", name, _] if name in _BYTE_ORDERS:
                 encoding = name
-            case ["element", name, count] if count.isdecimal():
+            case ["element", name, count] if is_count(count):
                 elements.append(_Element(name, int(count)))
             case ["property", "list", _, _, name] if elements:
                 elements[-1].properties.append((name, "list"))
@@ -110,13 +115,13 @@ def _read_header(source: Source) -> tuple[str, list[_Element], int, int]:
             case _:
                 line = " ".join(words)[:60]
                 raise InputError(f"{path}:{number}: {line!r} is not a line of a PLY header")
-    if not encoding:
-        raise InputError(f"{path}: the PLY header has no format line: check what wrote the file")
-    return encoding, elements, start, number + 1
+    raise InputError(f"{path}: the PLY header has no end_header: copy the file again")
 
 
 def _find_axis(path: str, axis: str, vertex: _Element) -> int:
     names = [name for name, _ in vertex.properties]
+    if axis not in names and axis.upper() in names:
+        axis = axis.upper()
     if names.count(axis) != 1:
         raise InputError(
             f"{path}: PLY vertices with {names.count(axis)} x `{axis}` ({' '.join(names)[:60]}): "
@@ -139,11 +144,13 @@ def _read_ascii(
     types: list[str],
     last: bool,
 ) -> FloatArray:
-    text = source.content[start:].decode("ascii", "replace").split("\n")
+    text = split_lines(source.content[start:].decode("utf-8-sig", "replace"))
     rows = [(n, line) for n, line in enumerate(text, start=line_number) if line.strip()][skip:]
     if not last:
         rows = rows[: vertex.count]
     check_size(source.path, vertex.count, len(rows))
+    if not rows:
+        return np.empty((0, 3))
     lines, numbers = [line for _, line in rows], [n for n, _ in rows]
     table = parse_table(source.path, lines, numbers, len(vertex.properties))
     return pick_columns(table, columns, types)

@@ -9,6 +9,7 @@ import numpy as np
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
+from oddsmap.scans.note import Note
 
 __all__ = ["Cloud", "check_size", "pick_columns", "unpack_points"]
 
@@ -21,10 +22,12 @@ class Cloud:
         points: points [m], shape (n, 3); those that are not finite are kept, to be counted.
         viewpoint: PCD's sensor pose, x y z qw qx qy qz, as it stands in the file; None where the
             format has none.
+        notes: what is odd about the file.
     """
 
     points: FloatArray
     viewpoint: tuple[float, ...] | None = None
+    notes: tuple[Note, ...] = ()
 
 
 def check_size(path: str, promised: int, held: int) -> None:
@@ -50,6 +53,8 @@ def unpack_points(
         stride: bytes of a record.
     """
     check_size(path, count, len(body) // stride)
+    if count == 0:  # then nothing bounds the length of a record, which NumPy may not take
+        return np.empty((0, 3))
     dtype = np.dtype(
         {"names": ["x", "y", "z"], "formats": types, "offsets": offsets, "itemsize": stride}
     )

@@ -27,6 +27,7 @@ from oddsmap.readers import (
 from oddsmap.readers.compression import Source, open_source
 from oddsmap.readers.npz_arrays import array_names
 from oddsmap.readers.options import FilePath, ReadOptions
+from oddsmap.readers.plain_text import refuse_utf16, without_bom
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.log import Log
 
@@ -126,8 +127,9 @@ def open_log(
         return _open_folder(os.fspath(path), options)
     source = open_source(path, skip_bad=skip_bad)
     for reader in READERS:
-        if reader.matches(source.head):
-            return reader.open(source, options)
+        if reader.matches(without_bom(source).head):
+            return reader.open(without_bom(source), options)
+    refuse_utf16(source.path, source.head)
     *names, last = (reader.name for reader in READERS)
     raise InputError(
         f"{source.path}: unknown file type (it starts with {source.content[:16]!r}): "

@@ -84,10 +84,12 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
     kind, read_cloud = KINDS[suffix]
     folder = Path(name)
     match, notes = _match(name, folder, suffix, files, options)
+    found = _FoundNotes(files)
 
     def read_scan(i: int) -> Scan:
         source = open_source(files[i])
         cloud = read_cloud(source)
+        found.add(i, cloud.notes)
         if match is None:
             pose = viewpoint_pose(source.path, cloud.viewpoint) or _identity()
             return Scan.from_points(options.sensor_pose(pose), cloud.points)
@@ -100,7 +102,33 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         read_scan=read_scan,
         skip_bad=options.skip_bad,
         opening_notes=notes,
+        found_notes=found.notes,
     )
+
+
+class _FoundNotes:
+    """What files say when they are read: each kind of note once, with its first file."""
+
+    def __init__(self, files: list[Path]) -> None:
+        self._files = files
+        # By number, so that a file that is read again is not counted again.
+        self._by_code: dict[str, dict[int, Note]] = {}
+
+    def add(self, i: int, notes: tuple[Note, ...]) -> None:
+        """Keep the notes on the file of a number."""
+        for note in notes:
+            self._by_code.setdefault(note.code, {})[i] = note
+
+    def notes(self) -> tuple[Note, ...]:
+        """One note for each kind so far."""
+        return tuple(self._summary(of_files) for of_files in self._by_code.values())
+
+    def _summary(self, of_files: dict[int, Note]) -> Note:
+        i = min(of_files)
+        first = of_files[i]
+        count = f"{len(of_files)} files, the first " if len(of_files) > 1 else ""
+        text = f"{count}{self._files[i]}: {first}"
+        return Note(text, code=first.code, severity=first.severity)
 
 
 def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Callable[..., LoadedLog]:
@@ -109,7 +137,7 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
     def open_cloud(source: Source, options: ReadOptions) -> LoadedLog:
         options.refuse(source.path, f"a {kind} file", "camera")
         cloud = read_cloud(source)
-        notes = source.initial_notes()
+        notes = [*source.initial_notes(), *cloud.notes]
         stamp_ns = None
         if options.poses is not None:
             names = [Path(source.path).name]

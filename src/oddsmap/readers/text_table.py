@@ -6,17 +6,18 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal, DecimalException
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
 from oddsmap.readers.compression import open_source
+from oddsmap.readers.plain_text import decode_text, is_number, split_lines, to_number
 
 __all__ = ["Row", "parse_numbers", "parse_stamp_ns", "parse_table", "read_rows"]
 
-_MAX_STAMP_NS = 2**63 - 1
+_MAX_STAMP_S = Decimal(2**63 - 1) / 10**9
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +35,10 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
         InputError: the file cannot be read.
     """
     name = os.fspath(path)
-    text = open_source(path).content.decode("utf-8-sig", "replace")
+    text = decode_text(name, open_source(path).content)
     return [
         Row(f"{name}:{number}", words)
-        for number, line in enumerate(text.split("\n"), start=1)
+        for number, line in enumerate(split_lines(text), start=1)
         if (words := line.split()) and not words[0].startswith("#")
     ]
 
@@ -49,9 +50,9 @@ def parse_numbers(row: Row, words: Sequence[str]) -> list[float]:
         InputError: one is not a number, or is NaN or infinite.
     """
     try:
-        numbers = [_to_number(word) for word in words]
+        numbers = [to_number(word) for word in words]
     except ValueError:
-        bad = next(word for word in words if not _is_number(word))
+        bad = next(word for word in words if not is_number(word))
         raise InputError(f"{row.where}: {bad[:40]!r} is not a number") from None
     for word, number in zip(words, numbers, strict=True):
         if not np.isfinite(number):
@@ -70,10 +71,13 @@ def parse_stamp_ns(row: Row, word: str) -> int:
     """
     # Decimal, because a float64 of seconds since 1970 is 200 ns coarse.
     try:
+        if not is_number(word):
+            raise ValueError
         seconds = Decimal(word)
-    except InvalidOperation:
+    except (ValueError, DecimalException):
         raise InputError(f"{row.where}: {word[:40]!r} is not a time in seconds") from None
-    if not seconds.is_finite() or abs(seconds) * 10**9 > _MAX_STAMP_NS:
+    # Compared before anything is multiplied: 1e999999 times 10^9 is an overflow of its own kind.
+    if not seconds.is_finite() or abs(seconds) > _MAX_STAMP_S:
         raise InputError(
             f"{row.where}: {word[:40]!r} is not a time in seconds that fits 64 bits of nanoseconds"
         )
@@ -114,20 +118,6 @@ def parse_table(
                 "check how the file was written"
             )
         for word in words:
-            if not _is_number(word):
+            if not is_number(word):
                 raise InputError(f"{path}:{number}: {word[:40]!r} is not a number")
-    return np.array([[float(word) for word in line.split()] for line in lines])
-
-
-def _to_number(word: str) -> float:
-    if "_" in word:  # 1_0 is 10 to Python and to nobody else
-        raise ValueError
-    return float(word)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        _to_number(word)
-    except ValueError:
-        return False
-    return True
+    return np.array([[to_number(word) for word in line.split()] for line in lines])

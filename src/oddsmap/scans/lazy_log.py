@@ -32,6 +32,7 @@ class LazyLog:
         opening_notes: what to know before anything is read.
         opening_skipped: what had to be skipped to open the log, by reason.
         sensor: what the log states about its sensor.
+        found_notes: what reading scans has shown so far.
     """
 
     path: str
@@ -42,6 +43,7 @@ class LazyLog:
     opening_notes: tuple[Note, ...] = ()
     opening_skipped: Counter[str] = field(default_factory=Counter)
     sensor: Mapping[str, float] = field(default_factory=dict)
+    found_notes: Callable[[], tuple[Note, ...]] = tuple
     # By number, so that a scan met again when the log is read again is not counted again.
     _bad: dict[int, InputError] = field(default_factory=dict, init=False, repr=False)
 
@@ -57,11 +59,12 @@ class LazyLog:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What to know about this log, one sentence each."""
+        notes = (*self.opening_notes, *self.found_notes())
         if not self._bad:
-            return self.opening_notes
+            return notes
         first = self._bad[min(self._bad)]
         text = f"{len(self._bad)} scans were skipped, the first: {first}"
-        return (*self.opening_notes, Note(text, code="log.bad_scans", severity="warning"))
+        return (*notes, Note(text, code="log.bad_scans", severity="warning"))
 
     @property
     def sensors(self) -> Mapping[str, SensorInfo]:
