@@ -98,7 +98,7 @@ def test_a_damaged_gzip_loses_little_before_the_damage(tmp_path: Path) -> None:
 def test_a_container_cannot_fill_the_memory(
     tmp_path: Path, compress: Callable[[bytes], bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A few bytes may stand for any number of zeros; all of a small file is read, whatever it is."""
+    """A few bytes may stand for any number of zeros; a small file is read whole in any case."""
     monkeypatch.setattr(oddsmap.readers.compression, "_ALWAYS_HELD", 4 * 2**20)
     path = tmp_path / "zeros.log"
     for size in (4 * 2**20, 4 * 2**20 + 1, 40 * 2**20):

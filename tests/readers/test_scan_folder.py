@@ -55,7 +55,7 @@ def test_scans_and_poses_match_in_the_order_of_numbers(
 
 
 def test_counts_that_differ_are_both_named(tmp_path: Path) -> None:
-    fill(tmp_path, ["0.pcd", "1.pcd", "2.pcd"])
+    fill(tmp_path, ["a0.pcd", "a1.pcd", "a2.pcd"])
     poses = tmp_path / "poses.txt"
     poses.write_text(kitti(4))
     with pytest.raises(InputError) as caught:
@@ -97,6 +97,68 @@ def test_stamps_come_from_names_that_are_times(tmp_path: Path) -> None:
     (tmp_path / "times.txt").write_text("9\n10\n")
     found = first_coordinates(tmp_path, tolerance_s=0.5)
     assert found == [(0.25, 1), (0.5, 2), (1, 3)]
+
+
+def test_names_of_seconds_and_nanoseconds_without_the_zeros_between(tmp_path: Path) -> None:
+    fill(tmp_path, ["1600000000.20000000.pcd", "1600000000.120000000.pcd", "1600000001.3.pcd"])
+    (tmp_path / "poses.txt").write_text(
+        "1600000000.02 1 0 0 0 0 0 1\n1600000000.12 2 0 0 0 0 0 1\n1600000001 3 0 0 0 0 0 1\n"
+    )
+    assert first_coordinates(tmp_path) == [(1, 1), (2, 2), (3, 3)]
+    assert [scan.stamp_ns for scan in open_log(tmp_path)] == [
+        1600000000_020000000, 1600000000_120000000, 1600000001_000000003
+    ]  # fmt: skip
+    # Filled with zeros, or stripped of them: fractions.
+    for name in ("1600000000.050000000", "1600000000.05"):
+        folder = tmp_path / name
+        folder.mkdir()
+        fill(folder, ["1600000000.123456789.pcd", f"{name}.pcd"])
+        (folder / "poses.txt").write_text(kitti(2))
+        stamps = [scan.stamp_ns for scan in open_log(folder)]
+        assert stamps == [1600000000_050000000, 1600000000_123456789]
+
+
+def test_names_that_may_be_either_are_a_question(tmp_path: Path) -> None:
+    fill(tmp_path, ["1600000000.123456789.pcd", "1600000000.23456781.pcd"])
+    (tmp_path / "poses.txt").write_text(kitti(2))
+    with pytest.raises(InputError, match=r"nanoseconds without the zeros between: say .* --times"):
+        open_log(tmp_path)
+    (tmp_path / "times.txt").write_text("1\n2\n")
+    assert [scan.stamp_ns for scan in open_log(tmp_path)] == [10**9, 2 * 10**9]
+
+
+def test_names_of_whole_nanoseconds_are_times(tmp_path: Path) -> None:
+    fill(tmp_path, ["1600000000120000000.pcd", "1600000000220000000.pcd"])
+    (tmp_path / "poses.txt").write_text(tum([1600000000, 1600000001]))
+    with pytest.raises(InputError, match=r"no pose within 0\.02 s of stamp 1600000000\.12"):
+        first_coordinates(tmp_path)
+    assert len(first_coordinates(tmp_path, tolerance_s=1.0)) == 2
+
+
+def test_a_part_of_a_sequence_is_matched_by_the_numbers_in_its_names(tmp_path: Path) -> None:
+    fill(tmp_path, ["000004.pcd", "000002.pcd"])
+    (tmp_path / "poses.txt").write_text(kitti(6))
+    (tmp_path / "times.txt").write_text("0\n1\n2\n3\n4.5\n5\n")
+    assert first_coordinates(tmp_path) == [(2, 2), (4, 1)]
+    log = open_log(tmp_path)
+    assert [scan.stamp_ns for scan in log] == [2_000_000_000, 4_500_000_000]
+    assert [note.code for note in log.notes] == ["pose.by_number"]
+    (tmp_path / "times.txt").unlink()
+    (tmp_path / "poses.txt").write_text(kitti(4))
+    with pytest.raises(InputError, match="2 scans and 4 poses"):
+        open_log(tmp_path)
+    # As many poses as scans: their order, as ever.
+    (tmp_path / "poses.txt").write_text(kitti(2))
+    assert first_coordinates(tmp_path) == [(0, 2), (1, 1)]
+    # Poses that are numbered themselves: of these scans, whatever the counts.
+    (tmp_path / "poses.txt").write_text("2 1 0 0 7 0 1 0 0 0 0 1 0\n4 1 0 0 9 0 1 0 0 0 0 1 0\n")
+    assert first_coordinates(tmp_path) == [(7, 2), (9, 1)]
+    fill(tmp_path, ["000003.pcd"])
+    with pytest.raises(InputError, match=r"no pose of the number of 000003\.pcd"):
+        first_coordinates(tmp_path)
+    log = open_log(tmp_path, skip_bad=True)
+    assert len(list(log)) == 2
+    assert log.skipped == {"scan.no_pose": 1}
 
 
 def test_stamped_poses_and_unstamped_scans_match_by_order_and_say_so(tmp_path: Path) -> None:

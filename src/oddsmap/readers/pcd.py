@@ -22,8 +22,8 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.readers.cloud_header import MAX_DIGITS, HeaderLine, header_lines, is_count
 from oddsmap.readers.compression import Source
 from oddsmap.readers.lzf import decompress
-from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
 from oddsmap.readers.plain_text import split_lines, to_number, without_bom
+from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
 from oddsmap.readers.text_table import parse_table
 from oddsmap.scans.note import Note
 

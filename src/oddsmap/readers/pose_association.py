@@ -2,7 +2,8 @@
 """Which pose belongs to which scan of a folder: by stamp where there are stamps, else by order.
 
 Nothing is guessed: by order, the counts must be equal; by stamp, a pose must be within the
-tolerance. In a folder, poses and times are looked for under the names below.
+tolerance. By the numbers in the names of the scans where the poses are numbered, or where a part of
+a sequence is left of the scans. In a folder, poses and times are looked for under the names below.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -19,17 +20,29 @@ import numpy.typing as npt
 
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
-from oddsmap.poses.trajectory import Trajectory
+from oddsmap.poses.trajectory import NoPoseError, Trajectory
 from oddsmap.readers.options import FilePath, ReadOptions
-from oddsmap.readers.pose_file import read_times, read_trajectory
+from oddsmap.readers.pose_file import PoseFile, read_pose_file, read_times
+from oddsmap.readers.stamp_words import kind_of_stamps, split_stamp_ns
 from oddsmap.scans.note import Note
 
-__all__ = ["POSE_NAMES", "TIMES_NAME", "PoseMatch", "find_poses", "match_poses", "natural_key"]
+__all__ = [
+    "POSE_NAMES",
+    "TIMES_NAME",
+    "PoseMatch",
+    "find_poses",
+    "match_poses",
+    "natural_key",
+    "sorted_by_name",
+]
 
 POSE_NAMES = ("poses.txt", "poses_kitti.txt", "poses_tum.txt", "groundtruth.txt")
 TIMES_NAME = "times.txt"
 
 StampArray = npt.NDArray[np.int64]
+
+_DECIMAL = re.compile(r"[0-9]+\.[0-9]+")
+_NANOSECOND_DIGITS = 19
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,79 +94,162 @@ def match_poses(
         InputError: counts that do not fit, or a file that cannot be read.
     """
     n = len(names)
-    trajectory = poses if isinstance(poses, Trajectory) else read_trajectory(poses)
-    stamps = stamps_from_names(names) if stamps_ns is None else stamps_ns
-    if times is not None:
-        read = read_times(times)
-        if len(read) == n:
-            stamps = read
-        elif len(read) == len(trajectory) and trajectory.stamps_ns is None and stamps is not None:
-            trajectory = trajectory.with_stamps(read)
-        else:
+    file = PoseFile(poses) if isinstance(poses, Trajectory) else read_pose_file(poses)
+    trajectory, rows = file.trajectory, _rows_of_scans(names, file)
+    read = None if times is None else read_times(times)
+    stamps = stamps_ns
+    if read is not None and len(read) == n:
+        stamps = read
+    elif stamps is None:
+        stamps = stamps_from_names(path, names)
+    if read is not None and len(read) != n:
+        of_poses = len(read) == len(trajectory) and trajectory.stamps_ns is None
+        if not of_poses or (stamps is None and rows is None):
             raise InputError(
-                f"{path}: {os.fspath(times)} has {len(read)} times for {n} scans: "
+                f"{path}: {os.fspath(times or '')} has {len(read)} times for {n} scans: "
                 "give one time for each scan"
             )
-    notes: list[Note] = []
+        trajectory = trajectory.with_stamps(read)
     if trajectory.stamps_ns is not None and stamps is not None:
-        by_stamp, scan_stamps = trajectory, stamps
+        scan_stamps = stamps
         return PoseMatch(
-            lambda i: options.sensor_pose(by_stamp.at(int(scan_stamps[i]), options.tolerance_ns)),
+            lambda i: options.sensor_pose(trajectory.at(int(scan_stamps[i]), options.tolerance_ns)),
             stamps,
+            file.notes,
         )
+    if rows is not None:
+        return _by_number(names, file, rows, trajectory, stamps, options)
+    return _by_order(path, file, n, stamps, options)
+
+
+def _by_number(
+    names: Sequence[str],
+    file: PoseFile,
+    rows: list[int | None],
+    trajectory: Trajectory,
+    stamps: StampArray | None,
+    options: ReadOptions,
+) -> PoseMatch:
+    """The pose of the number that a scan has in its name."""
+    notes = file.notes
+    if file.numbers is None:
+        text = (
+            f"{len(names)} of {len(trajectory)} poses are used: those of the numbers in the names "
+            "of the scans, of which 0 is the first"
+        )
+        notes = (*notes, Note(text, code="pose.by_number", severity="warning"))
+    if stamps is None and trajectory.stamps_ns is not None and None not in rows:
+        stamps = trajectory.stamps_ns[[row for row in rows if row is not None]]
+
+    def pose_of(i: int) -> Pose3:
+        row = rows[i]
+        if row is None:
+            raise NoPoseError(
+                f"{trajectory.path}: no pose of the number of {names[i]}: "
+                "leave this scan out, or use --skip-bad (skip_bad=True)"
+            )
+        return options.sensor_pose(trajectory[row])
+
+    return PoseMatch(pose_of, stamps, notes)
+
+
+def _by_order(
+    path: str, file: PoseFile, n: int, stamps: StampArray | None, options: ReadOptions
+) -> PoseMatch:
+    """One pose for each scan."""
+    trajectory, notes = file.trajectory, file.notes
+    stamped = trajectory.stamps_ns is not None
     if len(trajectory) != n:
         hint = (
             "give one time for each scan with times="
-            if trajectory.stamps_ns is not None
-            else ("scans and poses without stamps match one to one")
+            if stamped
+            else "scans and poses without stamps match one to one"
         )
         raise InputError(
             f"{path}: {n} scans and {len(trajectory)} poses in {trajectory.path}: {hint}"
         )
-    if trajectory.stamps_ns is not None:
-        notes.append(
-            Note(
-                "the scans have no stamps: poses are taken in their order, one per scan",
-                code="pose.by_order",
-                severity="warning",
-            )
-        )
-    by_order = trajectory
+    if stamped:
+        text = "the scans have no stamps: poses are taken in their order, one per scan"
+        notes = (*notes, Note(text, code="pose.by_order", severity="warning"))
     return PoseMatch(
-        lambda i: options.sensor_pose(by_order[i]),
+        lambda i: options.sensor_pose(trajectory[i]),
         trajectory.stamps_ns if stamps is None else stamps,
-        tuple(notes),
+        notes,
     )
 
 
-def natural_key(name: str) -> tuple[object, ...]:
-    """Sort key by which scan2 comes before scan10, and 9.5 before 9.25 does not."""
-    seconds = _seconds(name)
-    if seconds is not None:
-        return (0, seconds, name)
+def _rows_of_scans(names: Sequence[str], file: PoseFile) -> list[int | None] | None:
+    """Which pose each scan has by the number that is its name; None where order decides.
+
+    Poses that are numbered are of the scans of these numbers. Of poses that are not, there must be
+    more than scans, as where a part of a sequence was copied, and one for each number.
+    """
+    stems = [name.split(".", 1)[0] for name in names]
+    if not all(stem.isdecimal() and len(stem) <= 18 for stem in stems):
+        return None
+    numbers = [int(stem) for stem in stems]
+    if file.numbers is not None:
+        of_number = {number: row for row, number in enumerate(file.numbers)}
+        return [of_number.get(number) for number in numbers]
+    if file.trajectory.stamps_ns is not None or len(set(numbers)) != len(numbers):
+        return None
+    count = len(file.trajectory)
+    return list(numbers) if len(numbers) < count and max(numbers) < count else None
+
+
+def sorted_by_name(names: Sequence[str]) -> list[str]:
+    """File names in the order of their times or numbers: scan2 before scan10, 9.25 before 9.5."""
+    split = kind_of_stamps([_stem(name) for name in names]) == "split"
+    return sorted(names, key=lambda name: natural_key(name, split=split))
+
+
+def natural_key(name: str, *, split: bool = False) -> tuple[object, ...]:
+    """Sort key by which scan2 comes before scan10, and 9.5 before 9.25 does not.
+
+    Args:
+        name: a file name.
+        split: 9.5 is 9 seconds and 5 nanoseconds, and 9.25 comes after it.
+    """
+    stem = _stem(name)
+    if _DECIMAL.fullmatch(stem):
+        return (0, Decimal(split_stamp_ns(stem)) if split else Decimal(stem), name)
     parts = re.split(r"(\d+)", name)
-    return (1, tuple(int(p) if p.isdecimal() else p for p in parts), name)
+    return (1, tuple(_part_key(part) for part in parts), name)
 
 
-def stamps_from_names(names: Sequence[str]) -> StampArray | None:
+def stamps_from_names(path: str, names: Sequence[str]) -> StampArray | None:
     """Stamps [ns] of files that are named by them: seconds with a decimal point, 12.345.pcd.
 
-    Whole numbers are not taken for times: 000012.pcd is the scan of number 12.
+    Whole numbers are not taken for times, 000012.pcd is the scan of number 12, unless all have the
+    19 digits of nanoseconds since 1970.
+
+    Raises:
+        InputError: it cannot be told whether fractions or nanoseconds follow the point.
     """
-    seconds = [_seconds(name) for name in names]
-    if any(second is None for second in seconds):
+    stems = [_stem(name) for name in names]
+    if all(stem.isdecimal() and len(stem) == _NANOSECOND_DIGITS for stem in stems):
+        return _as_stamps([int(stem) for stem in stems])
+    if not all(_DECIMAL.fullmatch(stem) for stem in stems):
         return None
-    stamps = [int(second * 10**9) for second in seconds if second is not None]
-    if any(abs(stamp) >= 2**63 for stamp in stamps):
-        return None
-    return np.array(stamps, np.int64)
+    kind = kind_of_stamps(stems)
+    if kind == "unclear":
+        raise InputError(
+            f"{path}: the names of the scans ({names[0]}) are decimal seconds, or seconds and "
+            "nanoseconds without the zeros between: say the stamp of each with --times (times=)"
+        )
+    if kind == "split":
+        return _as_stamps([split_stamp_ns(stem) for stem in stems])
+    return _as_stamps([int(Decimal(stem).scaleb(9)) for stem in stems])
 
 
-def _seconds(name: str) -> Decimal | None:
-    stem = name.rsplit(".", 1)[0]
-    if not re.fullmatch(r"\d+\.\d+", stem):
-        return None
-    try:
-        return Decimal(stem)
-    except InvalidOperation:  # pragma: no cover - the pattern allows numbers only
-        return None
+def _as_stamps(stamps: list[int]) -> StampArray | None:
+    return np.array(stamps, np.int64) if max(stamps) < 2**63 else None
+
+
+def _stem(name: str) -> str:
+    return name.rsplit(".", 1)[0]
+
+
+def _part_key(part: str) -> tuple[int, int, str]:
+    """Digits as their number, before other text; Python refuses to read thousands of them."""
+    return (0, int(part), "") if part.isdecimal() and len(part) < 1000 else (1, 0, part)

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pose files: KITTI (12 numbers per row: 3 x 4, row-major) and TUM (`t x y z qx qy qz qw`).
 
-The two are told apart by the count of numbers in the first row. Empty lines and `#` comments are
-ignored. A pose that cannot be used is an error with its line: a file of poses with one row
-left out would match the wrong scans.
+Also 4 x 4 matrices, rows with one number more, and columns that a header names
+(`pose_columns.py`), separated by blanks, commas or semicolons (`number_rows.py`). A pose that
+cannot be used is an error with its line: a file of poses with one row left out would match the
+wrong scans.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -17,17 +19,45 @@ import numpy.typing as npt
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
-from oddsmap.readers.text_table import Row, parse_numbers, parse_stamp_ns, read_rows
+from oddsmap.readers.number_rows import read_number_rows
+from oddsmap.readers.pose_columns import PoseColumns, find_columns
+from oddsmap.readers.stamp_words import MAX_STAMP_NS, kind_of_stamps, split_stamp_ns
+from oddsmap.readers.text_table import Row, parse_numbers, parse_stamp_ns
+from oddsmap.scans.note import Note
 
-__all__ = ["read_pose_matrix", "read_times", "read_trajectory"]
+__all__ = ["PoseFile", "read_pose_file", "read_pose_matrix", "read_times", "read_trajectory"]
 
-_KITTI_COLUMNS = 12
-_TUM_COLUMNS = 8
+StampArray = npt.NDArray[np.int64]
+
+# So many digits are nanoseconds since 1970 (from 2001 on), and never seconds.
+_NANOSECOND_DIGITS = 19
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFile:
+    """What a file of poses holds.
+
+    Args:
+        trajectory: the poses.
+        numbers: which scan each pose is of, where the rows are numbered.
+        notes: what was assumed.
+    """
+
+    trajectory: Trajectory
+    numbers: tuple[int, ...] | None = None
+    notes: tuple[Note, ...] = ()
 
 
 def read_trajectory(
     path: str | os.PathLike[str], *, times: str | os.PathLike[str] | None = None
 ) -> Trajectory:
+    """Read a pose file: the trajectory of `read_pose_file`."""
+    return read_pose_file(path, times=times).trajectory
+
+
+def read_pose_file(
+    path: str | os.PathLike[str], *, times: str | os.PathLike[str] | None = None
+) -> PoseFile:
     """Read a pose file.
 
     Args:
@@ -39,36 +69,38 @@ def read_trajectory(
             length, a scaled or left-handed rotation, or another count of times than of poses.
     """
     name = os.fspath(path)
-    rows = read_rows(path)
+    table = read_number_rows(path)
+    rows = table.rows
     if not rows:
         raise InputError(f"{name}: no poses: check how the file was written")
-    columns = len(rows[0].words)
-    if columns not in (_KITTI_COLUMNS, _TUM_COLUMNS):
-        raise InputError(
-            f"{rows[0].where}: {columns} numbers: a pose has {_KITTI_COLUMNS} (KITTI: 3 x 4, "
-            f"row-major) or {_TUM_COLUMNS} (TUM: t x y z qx qy qz qw)"
-        )
-    read_one = _kitti_pose if columns == _KITTI_COLUMNS else _tum_pose
-    poses = [_read_pose(row, columns, read_one) for row in rows]
+    columns = find_columns(rows, table.headers)
+    poses = [_read_pose(row, columns) for row in rows]
     trajectory = Trajectory(
         positions=np.array([pose.translation for pose in poses]),
         rotations=np.array([pose.rotation for pose in poses]),
         path=name,
     )
-    if columns == _TUM_COLUMNS:
+    notes: list[Note] = []
+    if columns.doubt:
+        text = f"{name}: {columns.doubt}"
+        notes.append(Note(text, code="pose.columns", severity="warning"))
+    if columns.stamp is not None:
         if times is not None:
             raise InputError(f"{name}: has stamps of its own (TUM): leave {os.fspath(times)} out")
-        stamps = np.array([parse_stamp_ns(row, row.words[0]) for row in rows], np.int64)
-        return trajectory.with_stamps(stamps)
+        words = [row.words[columns.stamp] for row in rows]
+        stamps = _read_stamps(rows, words, notes, columns.nanoseconds)
+        return PoseFile(trajectory.with_stamps(stamps), notes=tuple(notes))
+    place = columns.index
+    numbers = None if place is None else tuple(int(row.words[place]) for row in rows)
     if times is None:
-        return trajectory
+        return PoseFile(trajectory, numbers, tuple(notes))
     stamps = read_times(times)
     if len(stamps) != len(poses):
         raise InputError(
             f"{os.fspath(times)}: {len(stamps)} times for the {len(poses)} poses of {name}: "
             "give the times of these poses"
         )
-    return trajectory.with_stamps(stamps)
+    return PoseFile(trajectory.with_stamps(stamps), numbers, tuple(notes))
 
 
 def read_times(path: str | os.PathLike[str]) -> npt.NDArray[np.int64]:
@@ -77,7 +109,7 @@ def read_times(path: str | os.PathLike[str]) -> npt.NDArray[np.int64]:
     Raises:
         InputError: a row that is not one number, or no row at all.
     """
-    rows = read_rows(path)
+    rows = read_number_rows(path).rows
     if not rows:
         raise InputError(f"{os.fspath(path)}: no times: check how the file was written")
     for row in rows:
@@ -85,7 +117,7 @@ def read_times(path: str | os.PathLike[str]) -> npt.NDArray[np.int64]:
             raise InputError(
                 f"{row.where}: {len(row.words)} values: a row of times is one number of seconds"
             )
-    return np.array([parse_stamp_ns(row, row.words[0]) for row in rows], np.int64)
+    return _read_stamps(rows, [row.words[0] for row in rows], [], nanoseconds=False)
 
 
 def read_pose_matrix(path: str | os.PathLike[str]) -> Pose3:
@@ -94,7 +126,7 @@ def read_pose_matrix(path: str | os.PathLike[str]) -> Pose3:
     Raises:
         InputError: another count of numbers, NaN, or a scaled or left-handed rotation.
     """
-    rows = read_rows(path)
+    rows = read_number_rows(path).rows
     numbers = [number for row in rows for number in parse_numbers(row, row.words)]
     try:
         return Pose3.from_matrix(numbers)
@@ -102,22 +134,44 @@ def read_pose_matrix(path: str | os.PathLike[str]) -> Pose3:
         raise InputError(f"{os.fspath(path)}: {error}") from None
 
 
-def _kitti_pose(numbers: list[float]) -> Pose3:
-    return Pose3.from_matrix(numbers)
-
-
-def _tum_pose(numbers: list[float]) -> Pose3:
-    return Pose3.from_quaternion_xyzw(numbers[1:4], numbers[4:8])
-
-
-def _read_pose(row: Row, columns: int, read_one: Callable[[list[float]], Pose3]) -> Pose3:
-    if len(row.words) != columns:
+def _read_pose(row: Row, columns: PoseColumns) -> Pose3:
+    if len(row.words) != columns.count:
         raise InputError(
-            f"{row.where}: {len(row.words)} numbers where the first pose has {columns}: "
+            f"{row.where}: {len(row.words)} numbers where the first pose has {columns.count}: "
             "check how the file was written"
         )
     numbers = parse_numbers(row, row.words)
+    pose = [numbers[place] for place in columns.pose]
     try:
-        return read_one(numbers)
+        if len(pose) == 7:
+            return Pose3.from_quaternion_xyzw(pose[:3], pose[3:])
+        return Pose3.from_matrix(pose)
     except InputError as error:
         raise InputError(f"{row.where}: {error}") from None
+
+
+def _read_stamps(
+    rows: Sequence[Row], words: Sequence[str], notes: list[Note], nanoseconds: bool
+) -> StampArray:
+    """The stamps [ns] of rows: decimal seconds, unless all say that they are something else."""
+    if nanoseconds or all(len(w) == _NANOSECOND_DIGITS and w.isdecimal() for w in words):
+        bad = next((i for i, w in enumerate(words) if not _fits_nanoseconds(w)), None)
+        if bad is None:
+            return np.array([int(word) for word in words], np.int64)
+        raise InputError(
+            f"{rows[bad].where}: {words[bad][:40]!r} is not a whole number of nanoseconds"
+        )
+    if kind_of_stamps(words) == "split":
+        stamps = [split_stamp_ns(word) for word in words]
+        if max(stamps) <= MAX_STAMP_NS:
+            text = f"{rows[0].where.rpartition(':')[0]}: stamps are seconds.nanoseconds without"
+            text += " the zeros between"
+            notes.append(Note(text, code="stamp.split", severity="warning"))
+            return np.array(stamps, np.int64)
+    return np.array(
+        [parse_stamp_ns(row, word) for row, word in zip(rows, words, strict=True)], np.int64
+    )
+
+
+def _fits_nanoseconds(word: str) -> bool:
+    return word.isdecimal() and len(word) <= _NANOSECOND_DIGITS and int(word) <= MAX_STAMP_NS

@@ -28,7 +28,7 @@ from oddsmap.readers.pose_association import (
     PoseMatch,
     find_poses,
     match_poses,
-    natural_key,
+    sorted_by_name,
 )
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.memory_log import LoadedLog
@@ -64,7 +64,8 @@ def find_clouds(folder: Path) -> dict[str, list[Path]]:
         if suffix in KINDS and not path.name.startswith(".") and path.is_file():
             found.setdefault(suffix, []).append(path)
     for paths in found.values():
-        paths.sort(key=lambda path: natural_key(path.name))
+        order = sorted_by_name([path.name for path in paths])
+        paths[:] = [folder / name for name in order]
     return found
 
 
