@@ -137,7 +137,8 @@ def test_no_points_are_an_empty_scan(tmp_path: Path, encoding: str) -> None:
 
 
 def test_viewpoint_is_the_pose_and_w_comes_first(tmp_path: Path) -> None:
-    log = open_log(write(tmp_path, pcd_bytes(np.array([[1.0, 2, 3]]), viewpoint=TURN)))
+    path = write(tmp_path, pcd_bytes(np.array([[1.0, 2, 3]]), viewpoint=TURN))
+    log = open_log(path, points_in="sensor")
     (scan,) = log
     np.testing.assert_allclose(
         scan.map_from_sensor.transform(end_points(scan)), [[9.0, 18.0, 33.0]], rtol=1e-12

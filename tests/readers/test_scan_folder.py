@@ -183,7 +183,7 @@ def test_viewpoints_are_poses_where_there_is_no_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"2 scans without poses .*VIEWPOINT is the identity"):
         open_log(tmp_path)
     (tmp_path / "1.pcd").write_bytes(pcd_bytes(np.ones((1, 3)), viewpoint="5 0 0 1 0 0 0"))
-    log = open_log(tmp_path, body_from_sensor=BODY_FROM_SENSOR)
+    log = open_log(tmp_path, body_from_sensor=BODY_FROM_SENSOR, points_in="sensor")
     assert [s.map_from_sensor.translation.tolist() for s in log] == [[0, 0, 2], [5, 0, 2]]
     assert log.notes[0].startswith("VIEWPOINT is taken")
     (tmp_path / "poses.txt").write_text(kitti(2))

@@ -17,6 +17,8 @@ from oddsmap.cli.opened_logs import open_logs
 from oddsmap.cli.options import (
     BodyFromSensor,
     Camera,
+    Columns,
+    PointsIn,
     Poses,
     Resolution,
     Settings,
@@ -86,6 +88,8 @@ def build(
     tolerance: Tolerance = 0.02,
     extrinsics: BodyFromSensor = None,
     camera: Camera = None,
+    points_in: PointsIn = None,
+    columns: Columns = None,
     config: Annotated[Path | None, config_option("Sections map, sensor, full_map...")] = None,
     settings: Settings = None,
     hold_out: Annotated[
@@ -106,6 +110,8 @@ def build(
             extrinsics=read_extrinsics(extrinsics),
             camera=read_camera(camera),
             skip_bad=skip_bad,
+            points_in=points_in,
+            columns=columns,
         ),
         output=output,
         force=force,

@@ -14,6 +14,8 @@ from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
 from oddsmap.cli.options import (
     BodyFromSensor,
     Camera,
+    Columns,
+    PointsIn,
     Poses,
     Resolution,
     Settings,
@@ -61,6 +63,8 @@ def calibrate(
     tolerance: Tolerance = 0.02,
     extrinsics: BodyFromSensor = None,
     camera: Camera = None,
+    points_in: PointsIn = None,
+    columns: Columns = None,
     config: Annotated[Path | None, config_option("Where to start: section sensor.")] = None,
     settings: Settings = None,
     skip_bad: SkipBad = False,
@@ -78,6 +82,8 @@ def calibrate(
         extrinsics=read_extrinsics(extrinsics),
         camera=read_camera(camera),
         skip_bad=skip_bad,
+        points_in=points_in,
+        columns=columns,
     )
     _check_output(output, force=force)
     layers = _read_layers(config, settings, resolution)

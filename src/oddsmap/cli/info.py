@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from oddsmap.cli.log_options import LogOptions
-from oddsmap.cli.options import Poses, SkipBad, json_option
+from oddsmap.cli.options import Columns, PointsIn, Poses, SkipBad, json_option
 
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
@@ -34,6 +34,8 @@ def info(
         Path, typer.Argument(metavar="PATH", help="A log, a saved map, or an OctoMap.")
     ],
     poses: Poses = None,
+    points_in: PointsIn = None,
+    columns: Columns = None,
     skip_bad: SkipBad = False,
     as_json: Annotated[bool, json_option("the facts")] = False,
 ) -> None:
@@ -53,7 +55,8 @@ def info(
     elif is_octomap(path):
         facts = _of_octomap(load_octomap(path), path)
     else:
-        facts = _of_log(LogOptions(poses=poses, skip_bad=skip_bad).open(path))
+        options = LogOptions(poses=poses, points_in=points_in, columns=columns, skip_bad=skip_bad)
+        facts = _of_log(options.open(path))
     if as_json:
         typer.echo(json.dumps(facts))
         return

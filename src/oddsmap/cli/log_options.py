@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from oddsmap.poses.pose import Pose3
+    from oddsmap.readers.options import PointFrame
     from oddsmap.scans.depth_image import PinholeCamera
     from oddsmap.scans.log import Log
 
@@ -26,6 +27,8 @@ class LogOptions:
     extrinsics: Pose3 | None = None
     camera: PinholeCamera | None = None
     skip_bad: bool = False
+    points_in: PointFrame | None = None
+    columns: str | None = None
 
     def open(self, path: Path) -> Log:
         """Open a log.
@@ -43,6 +46,8 @@ class LogOptions:
             body_from_sensor=self.extrinsics,
             camera=self.camera,
             skip_bad=self.skip_bad,
+            points_in=self.points_in,
+            columns=self.columns,
         )
 
 

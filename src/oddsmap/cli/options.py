@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 __all__ = [
     "BodyFromSensor",
     "Camera",
+    "Columns",
+    "PointsIn",
     "Poses",
     "Resolution",
     "Settings",
@@ -69,6 +71,16 @@ BodyFromSensor = Annotated[
 Camera = Annotated[
     str | None,
     typer.Option("--camera", metavar="'FX FY CX CY W H'", help="Of depth images [pixels]."),
+]
+
+PointsIn = Annotated[
+    Literal["sensor", "map"] | None,
+    typer.Option("--points-in", help="The frame of clouds whose pose is PCD's VIEWPOINT."),
+]
+
+Columns = Annotated[
+    str | None,
+    typer.Option("--columns", metavar="x,y,z,...", help="The float32 columns of .bin scans."),
 ]
 
 SkipBad = Annotated[

@@ -15,6 +15,8 @@ from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
 from oddsmap.cli.options import (
     BodyFromSensor,
     Camera,
+    Columns,
+    PointsIn,
     Poses,
     Settings,
     SkipBad,
@@ -63,6 +65,8 @@ def score(
     tolerance: Tolerance = 0.02,
     extrinsics: BodyFromSensor = None,
     camera: Camera = None,
+    points_in: PointsIn = None,
+    columns: Columns = None,
     config: Annotated[Path | None, config_option("Another sensor model: section sensor.")] = None,
     settings: Settings = None,
     skip_bad: SkipBad = False,
@@ -80,6 +84,8 @@ def score(
         extrinsics=read_extrinsics(extrinsics),
         camera=read_camera(camera),
         skip_bad=skip_bad,
+        points_in=points_in,
+        columns=columns,
     )
     layers = read_layers(config, settings)
     layers.check_sections("score", "sensor")

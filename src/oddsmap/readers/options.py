@@ -6,15 +6,19 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.scans.depth_image import PinholeCamera
 
-__all__ = ["FilePath", "ReadOptions"]
+__all__ = ["FilePath", "PointFrame", "ReadOptions"]
 
 FilePath = str | os.PathLike[str]
+
+PointFrame = Literal["sensor", "map"]
+"""The frame in which the points of clouds are."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,10 +31,19 @@ class ReadOptions:
     camera: PinholeCamera | None = None
     skip_bad: bool = False
     tolerance_s: float = 0.02
+    points_in: PointFrame | None = None
+    columns: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tolerance_s < math.inf:
             raise ConfigError(f"tolerance_s is a time of 0 s or more, got {self.tolerance_s}")
+        if self.points_in is not None and self.points_in not in get_args(PointFrame):
+            raise ConfigError(f"points_in is 'sensor' or 'map', got {self.points_in!r}")
+        if self.columns is not None and [self.columns.count(axis) for axis in "xyz"] != [1, 1, 1]:
+            raise ConfigError(
+                f"columns are names with x, y and z once each, as x,y,z,intensity, got "
+                f"{','.join(self.columns)!r}"
+            )
 
     @property
     def tolerance_ns(self) -> int:
@@ -50,6 +63,8 @@ class ReadOptions:
             "times": "has its stamps with its poses",
             "body_from_sensor": "has the poses of its sensor",
             "camera": "holds no depth images",
+            "points_in": "has its points in the frame of its sensor",
+            "columns": "has no .bin columns",
         }
         for name in names:
             if getattr(self, name) is not None:

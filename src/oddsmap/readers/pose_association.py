@@ -74,7 +74,7 @@ def find_poses(folder: Path) -> FilePath | None:
 def match_poses(
     path: str,
     names: Sequence[str],
-    poses: FilePath | Trajectory,
+    poses: FilePath | Trajectory | PoseFile,
     times: FilePath | None,
     options: ReadOptions,
     *,
@@ -94,7 +94,10 @@ def match_poses(
         InputError: counts that do not fit, or a file that cannot be read.
     """
     n = len(names)
-    file = PoseFile(poses) if isinstance(poses, Trajectory) else read_pose_file(poses)
+    if isinstance(poses, PoseFile):
+        file = poses
+    else:
+        file = PoseFile(poses) if isinstance(poses, Trajectory) else read_pose_file(poses)
     trajectory, rows = file.trajectory, _rows_of_scans(names, file)
     read = None if times is None else read_times(times)
     stamps = stamps_ns

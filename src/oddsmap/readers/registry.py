@@ -7,7 +7,7 @@ The files *in* a folder are told apart by their suffixes: nothing in a KITTI `.b
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from oddsmap.readers import (
 )
 from oddsmap.readers.compression import Source, open_source
 from oddsmap.readers.npz_arrays import array_names
-from oddsmap.readers.options import FilePath, ReadOptions
+from oddsmap.readers.options import FilePath, PointFrame, ReadOptions
 from oddsmap.readers.plain_text import refuse_utf16, without_bom
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.log import Log
@@ -57,6 +57,7 @@ def _alone(
 
     def open_alone(source: Source, options: ReadOptions) -> Log:
         options.refuse(source.path, name, "poses", "times", "body_from_sensor", "camera")
+        options.refuse(source.path, name, "points_in", "columns")
         return open_source_alone(source)
 
     return open_alone
@@ -88,6 +89,8 @@ def open_log(
     camera: PinholeCamera | None = None,
     skip_bad: bool = False,
     tolerance_s: float = 0.02,
+    points_in: PointFrame | None = None,
+    columns: Sequence[str] | None = None,
 ) -> Log:
     """Open a log of range readings with poses: a file, or a folder of scans.
 
@@ -107,6 +110,10 @@ def open_log(
         body_from_sensor: pose of the sensor in the frame whose poses are given.
         camera: the intrinsics of depth images; by default those in the folder.
         tolerance_s: how far the nearest pose may be from a stamp [s].
+        points_in: "sensor" or "map": the frame in which the points of clouds are. By default the
+            sensor's, but where PCD's VIEWPOINT is the pose, it must be said.
+        columns: what the float32 columns of `.bin` files are, as ("x", "y", "z", "intensity") or
+            "x,y,z,intensity"; by default found by what stands in them.
 
     Returns:
         The scans in file order, and what had to be skipped to get them.
@@ -122,6 +129,8 @@ def open_log(
         camera=camera,
         skip_bad=skip_bad,
         tolerance_s=tolerance_s,
+        points_in=points_in,
+        columns=_names(columns),
     )
     if Path(path).is_dir():
         return _open_folder(os.fspath(path), options)
@@ -136,6 +145,13 @@ def open_log(
         f"oddsmap reads {', '.join(names)} and {last}, plain or compressed with gzip or bzip2; "
         "KITTI .bin scans and depth images as a folder"
     )
+
+
+def _names(columns: Sequence[str] | None) -> tuple[str, ...] | None:
+    """Names of columns, also where they are one text."""
+    if isinstance(columns, str):
+        return tuple(columns.replace(",", " ").split())
+    return None if columns is None else tuple(columns)
 
 
 def _open_folder(name: str, options: ReadOptions) -> Log:

@@ -2,24 +2,27 @@
 """Folders of point clouds (`*.pcd`, `*.ply` or KITTI `*.bin`), and single clouds.
 
 Files are taken in the order of the numbers in their names. Poses come from `poses=`, or from one
-of `pose_match.POSE_NAMES` in the folder, with stamps from `times=` or `times.txt`. Where there is
-no such file, a PCD's VIEWPOINT is the pose: for a single cloud also where it is the identity.
+of `POSE_NAMES` in the folder, with stamps from `times=` or `times.txt`. Where there is no such
+file, a PCD's VIEWPOINT is the pose: for a single cloud also where it is the identity.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
-from oddsmap.readers.compression import HEAD_SIZE, Source, open_source
-from oddsmap.readers.kitti_bin import read_kitti_bin
+from oddsmap.poses.trajectory import Trajectory
+from oddsmap.readers.bin_columns import find_bin_columns
+from oddsmap.readers.bin_points import KITTI_COLUMNS, read_bin_points
+from oddsmap.readers.compression import Source, open_source
+from oddsmap.readers.kitti_calib import read_kitti_poses
 from oddsmap.readers.options import ReadOptions
-from oddsmap.readers.pcd import read_pcd, read_viewpoint, viewpoint_pose
+from oddsmap.readers.pcd import read_pcd, viewpoint_pose
 from oddsmap.readers.ply import read_ply
 from oddsmap.readers.point_cloud import Cloud
 from oddsmap.readers.pose_association import (
@@ -30,6 +33,7 @@ from oddsmap.readers.pose_association import (
     match_poses,
     sorted_by_name,
 )
+from oddsmap.readers.viewpoints import any_viewpoint, frame_note, in_sensor_frame
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.memory_log import LoadedLog
 from oddsmap.scans.note import Note
@@ -40,18 +44,13 @@ __all__ = ["KINDS", "find_clouds", "open_scan_folder", "open_single_cloud"]
 KINDS: Mapping[str, tuple[str, Callable[[Source], Cloud]]] = {
     ".pcd": ("PCD", read_pcd),
     ".ply": ("PLY", read_ply),
-    ".bin": ("KITTI .bin", read_kitti_bin),
+    ".bin": ("KITTI .bin", read_bin_points),
 }
 
 
 _NO_POSE = Note(
     "no pose: the frame of the sensor is taken for the map frame",
     code="pose.assumed",
-    severity="warning",
-)
-_VIEWPOINT = Note(
-    "VIEWPOINT is taken for the pose of the sensor, in whose frame the points are",
-    code="pose.viewpoint",
     severity="warning",
 )
 
@@ -84,6 +83,16 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
     options.refuse(name, "a folder of point clouds", "camera")
     kind, read_cloud = KINDS[suffix]
     folder = Path(name)
+    opening: tuple[Note, ...] = ()
+    if suffix == ".bin":
+        columns = options.columns
+        if columns is None:
+            columns, opening = find_bin_columns(name, files)
+        if len(columns) != len(KITTI_COLUMNS):
+            kind = f".bin ({' '.join(columns)})"
+        read_cloud = partial(read_bin_points, columns=columns)
+    else:
+        options.refuse(name, f"a folder of {kind} files", "columns")
     match, notes = _match(name, folder, suffix, files, options)
     found = _FoundNotes(files)
 
@@ -92,9 +101,11 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         cloud = read_cloud(source)
         found.add(i, cloud.notes)
         if match is None:
-            pose = viewpoint_pose(source.path, cloud.viewpoint) or _identity()
-            return Scan.from_points(options.sensor_pose(pose), cloud.points)
-        return Scan.from_points(match.map_from_sensor(i), cloud.points, match.stamp_ns(i))
+            body = viewpoint_pose(source.path, cloud.viewpoint) or _identity()
+            pose, stamp_ns = options.sensor_pose(body), None
+        else:
+            pose, stamp_ns = match.map_from_sensor(i), match.stamp_ns(i)
+        return Scan.from_points(pose, in_sensor_frame(cloud.points, pose, options), stamp_ns)
 
     return LazyLog(
         path=name,
@@ -102,7 +113,7 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         scan_count=len(files),
         read_scan=read_scan,
         skip_bad=options.skip_bad,
-        opening_notes=notes,
+        opening_notes=(*opening, *notes),
         found_notes=found.notes,
     )
 
@@ -136,7 +147,7 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
     """A reader of one cloud, for the registry."""
 
     def open_cloud(source: Source, options: ReadOptions) -> LoadedLog:
-        options.refuse(source.path, f"a {kind} file", "camera")
+        options.refuse(source.path, f"a {kind} file", "camera", "columns")
         cloud = read_cloud(source)
         notes = [*source.initial_notes(), *cloud.notes]
         stamp_ns = None
@@ -148,7 +159,9 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
         else:
             options.refuse(source.path, f"a {kind} file without poses", "times")
             found = viewpoint_pose(source.path, cloud.viewpoint)
-            notes.append(_NO_POSE if found is None else _VIEWPOINT)
+            if found is None:
+                options.refuse(source.path, f"a {kind} file without a pose", "points_in")
+            notes.append(_NO_POSE if found is None else frame_note(source.path, options))
             pose = options.sensor_pose(found or _identity())
         return LoadedLog(
             path=source.path,
@@ -156,7 +169,7 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
             sensor={},
             skipped=source.initial_skipped(),
             notes=tuple(notes),
-            scans=(Scan.from_points(pose, cloud.points, stamp_ns),),
+            scans=(Scan.from_points(pose, in_sensor_frame(cloud.points, pose, options), stamp_ns),),
         )
 
     return open_cloud
@@ -172,31 +185,19 @@ def _match(
         times = folder / TIMES_NAME
     if poses is not None:
         names = [path.name for path in files]
+        stated = isinstance(poses, Trajectory) or options.body_from_sensor is not None
+        if suffix == ".bin" and not stated:
+            poses = read_kitti_poses(folder, poses)
         match = match_poses(name, names, poses, times, options)
         return match, match.notes
-    if suffix == ".pcd" and _any_viewpoint(files):
+    if suffix == ".pcd" and any_viewpoint(files):
         options.refuse(name, "a folder whose poses are each PCD's VIEWPOINT", "times")
-        return None, (_VIEWPOINT,)
+        return None, (frame_note(name, options),)
     no_viewpoint = ", and VIEWPOINT is the identity in all of them" if suffix == ".pcd" else ""
     raise InputError(
         f"{name}: {len(files)} scans without poses ({' or '.join(POSE_NAMES)} would be "
         f"read{no_viewpoint}): name the poses with --poses (poses=)"
     )
-
-
-def _any_viewpoint(files: list[Path]) -> bool:
-    """Whether one PCD has another VIEWPOINT than the identity; only the headers are read."""
-    for path in files:
-        try:
-            with path.open("rb") as file:
-                head = file.read(HEAD_SIZE)
-            if head.startswith((b"\x1f\x8b", b"BZh")):
-                head = open_source(path).content
-            if viewpoint_pose(str(path), read_viewpoint(Source(str(path), head))) is not None:
-                return True
-        except (InputError, OSError):
-            continue  # said when the scan itself is read
-    return False
 
 
 @cache
