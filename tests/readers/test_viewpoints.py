@@ -94,9 +94,10 @@ def row(pose: Pose3) -> str:
     return " ".join(repr(float(v)) for v in matrix.ravel()) + "\n"
 
 
-def drive() -> list[Pose3]:
+def drive(step_m: float = 5.0) -> list[Pose3]:
     """Poses of a LIDAR that drives a curve, from the identity on."""
-    step = Pose3(np.array([[0.995, -0.0998749, 0], [0.0998749, 0.995, 0], [0, 0, 1]]), np.eye(3)[0])
+    turn = np.array([[0.995, -0.0998749, 0], [0.0998749, 0.995, 0], [0, 0, 1]])
+    step = Pose3(turn, np.array([step_m, 0, 0]))
     poses = [Pose3(np.eye(3), np.zeros(3))]
     for _ in range(5):
         poses.append(poses[-1] @ step)
@@ -139,9 +140,10 @@ def test_poses_of_the_lidar_stay(tmp_path: Path) -> None:
 
 def test_poses_of_either_are_a_question(tmp_path: Path) -> None:
     still = [Pose3(np.eye(3), np.zeros(3))] * 3
-    velodyne = kitti(tmp_path, still)
-    with pytest.raises(InputError, match="say --body-from-sensor '0 0 0 0 0 0 1' if they are"):
-        open_log(velodyne, poses=tmp_path / "00.txt")
+    for poses in (drive(0.2), still):
+        velodyne = kitti(tmp_path, poses)
+        with pytest.raises(InputError, match="say --body-from-sensor '0 0 0 0 0 0 1' if they are"):
+            open_log(velodyne, poses=tmp_path / "00.txt")
     (tmp_path / "calib.txt").unlink()
     assert open_log(velodyne, poses=tmp_path / "00.txt").notes == ()
     camera = [CAMERA_FROM_LIDAR @ pose @ CAMERA_FROM_LIDAR.inverse() for pose in drive()[:3]]

@@ -29,9 +29,10 @@ __all__ = ["read_kitti_poses"]
 _NAME = "calib.txt"
 _KEYS = ("Tr:", "Tr_velo_to_cam:")
 
-# Which share of the way must go along one axis, and how long the way must be [m].
+# Which share of the way must go along one axis, and how long the way must be [m]: where there is a
+# calibration, poses of the LIDAR are the exception, and a car may be moved sideways a little.
 _MIN_SHARE = 0.7
-_MIN_WAY_M = 0.05
+_MIN_WAY_M = {"camera": 0.05, "lidar": 20.0}
 
 
 def read_kitti_poses(folder: Path, path: FilePath) -> PoseFile:
@@ -92,12 +93,10 @@ def _moves_as(trajectory: Trajectory) -> Literal["camera", "lidar"] | None:
     steps = np.diff(trajectory.positions, axis=0)
     own = np.einsum("nji,nj->ni", trajectory.rotations[:-1], steps)
     way = float(np.linalg.norm(steps, axis=1).sum())
-    if way < _MIN_WAY_M:
-        return None
-    x, _, z = own.sum(axis=0) / way
-    if z > _MIN_SHARE:
+    x, _, z = own.sum(axis=0)
+    if z > _MIN_SHARE * way and way >= _MIN_WAY_M["camera"]:
         return "camera"
-    return "lidar" if x > _MIN_SHARE else None
+    return "lidar" if x > _MIN_SHARE * way and way >= _MIN_WAY_M["lidar"] else None
 
 
 def _find_calib(folder: Path, poses: FilePath) -> tuple[str, Pose3] | None:
