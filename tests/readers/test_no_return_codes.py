@@ -5,7 +5,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from oddsmap.readers.no_return_codes import NoReturnCode, describe_codes, find_codes
+from oddsmap.readers.no_return_codes import (
+    NoReturnCode,
+    describe_codes,
+    find_codes,
+    find_doubtful_code,
+)
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -33,7 +38,51 @@ def test_several_codes_end_at_the_first_usual_value() -> None:
 def test_a_frequent_value_below_a_usual_one_is_not_a_code() -> None:
     # aces-raw: 49.81 occurs 40 times, under 49.91 with 2
     assert codes(readings((50.0, 100), (49.91, 2), (49.81, 40))) == [(50.0, 100)]
-    assert codes(readings((50.0, 1), (49.0, 100))) == []
+
+
+def test_a_spike_under_a_few_readings_is_a_code() -> None:
+    assert codes(readings((50.0, 1), (49.0, 100))) == [(49.0, 100)]
+    # Two neighbours, with noise above them; and above a value that looked like a code by itself.
+    top = (51.25, 1), (51.2, 1), (51.16, 7), (51.15, 1114), (51.14, 350)
+    assert codes(readings(*top)) == [(51.15, 1114), (51.14, 350)]
+    assert codes(readings((60.0, 9), (55.0, 1), (51.15, 1114))) == [(51.15, 1114)]
+
+
+def many_below(*top: tuple[float, int]) -> FloatArray:
+    """`readings` among 50,000 more far below them."""
+    return np.concatenate([readings(*top), np.linspace(0.1, 0.9, 50_000)])
+
+
+@pytest.mark.parametrize(
+    ("ranges", "found"),
+    [
+        (readings((50.0, 1), (49.0, 20)), True),
+        (readings((50.0, 1), (49.0, 19)), False),  # not 20 times as often as the others
+        (readings((51.0, 2), (50.0, 3), (49.0, 100)), True),
+        (readings((51.0, 2), (50.0, 4), (49.0, 100)), False),  # too many above
+        (many_below((50.0, 1), (49.0, 260)), True),
+        (many_below((50.0, 1), (49.0, 240)), False),  # a robot that stood still
+        (readings(*((50.0 + k, 1) for k in range(19)), (49.0, 400)), True),
+        (readings(*((50.0 + k, 1) for k in range(20)), (49.0, 400)), False),  # too far below
+    ],
+)
+def test_what_is_asked_of_a_spike_below_the_top(ranges: FloatArray, found: bool) -> None:
+    assert [value for value, _ in codes(ranges)] == [49.0] * found
+
+
+@pytest.mark.parametrize(
+    ("ranges", "doubtful"),
+    [
+        (many_below((50.0, 1), (49.0, 240)), 49.0),
+        (readings((51.0, 2), (50.0, 4), (49.0, 100)), 49.0),
+        (readings((51.0, 1), (50.0, 100)), None),  # a code
+        (many_below((50.0, 1), (49.0, 24)), None),  # too few to matter
+        (readings((50.0, 1), (49.0, 3)), None),
+    ],
+)
+def test_what_is_odd_and_not_sure(ranges: FloatArray, doubtful: float | None) -> None:
+    code = find_doubtful_code(ranges, find_codes(ranges))
+    assert (code and code.value) == doubtful
 
 
 @pytest.mark.parametrize(("count", "found"), [(4, False), (5, True)])
@@ -70,5 +119,6 @@ def test_the_sentence_names_values_and_counts() -> None:
     assert describe_codes((one,)) == (
         "81.83 m occurs 4172 times at the top of the range: taken as 'no return'"
     )
+    assert describe_codes((one,), 2).endswith("taken as 'no return', like 2 larger readings")
     two = describe_codes((NoReturnCode(32.767, 463), NoReturnCode(32.765, 7)))
     assert two.startswith("32.767 m (463 times), 32.765 m (7 times) ")

@@ -28,7 +28,7 @@ from oddsmap.readers.carmen_messages import (
     parse_laser_line,
 )
 from oddsmap.readers.compression import Source
-from oddsmap.readers.no_return_codes import describe_codes, find_codes
+from oddsmap.readers.no_return_codes import describe_codes, find_codes, find_doubtful_code
 from oddsmap.scans.memory_log import BadLine, LoadedLog
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -133,7 +133,15 @@ def _find_range_max(lines: list[LaserLine], notes: list[Note]) -> float | None:
     codes = find_codes(ranges)
     if codes:
         limits.append(codes[-1].value)
-        notes.append(Note(describe_codes(codes), code="no_return.found"))
+        larger = int(np.count_nonzero(np.isfinite(ranges) & (ranges > codes[0].value)))
+        text = describe_codes(codes, larger)
+        # With readings above it, it may be a wall that a robot stood still before.
+        notes.append(Note(text, code="no_return.found", severity="warning" if larger else "info"))
+    if doubtful := find_doubtful_code(ranges, codes):
+        value = f"{doubtful.value:g}"
+        text = f"{value} m occurs {doubtful.count} times near the top of the range, as no reading "
+        text += f"around it does: if it means 'no return', say so with --range-max {value}"
+        notes.append(Note(text, code="no_return.doubtful", severity="warning"))
     stated = {line.maximum_range for line in lines if line.maximum_range is not None}
     if stated:
         lowest = min(stated)
