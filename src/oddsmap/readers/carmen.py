@@ -17,21 +17,23 @@ from __future__ import annotations
 from collections import Counter
 from itertools import pairwise
 
-import numpy as np
-
 from oddsmap.errors import InputError
 from oddsmap.readers.carmen_messages import (
     LASER_KINDS,
     BadLineError,
     LaserLine,
-    beam_directions,
     parse_laser_line,
 )
 from oddsmap.readers.compression import Source
-from oddsmap.readers.no_return_codes import describe_codes, find_codes, find_doubtful_code
+from oddsmap.readers.laser_lines import (
+    MAX_BAD_LINES_KEPT,
+    find_range_max,
+    note_bad_lines,
+    quote,
+    to_scan,
+)
 from oddsmap.scans.memory_log import BadLine, LoadedLog
 from oddsmap.scans.note import Note
-from oddsmap.scans.scan import Scan
 
 __all__ = ["matches", "open_carmen"]
 
@@ -48,8 +50,6 @@ _POSELESS_KINDS = tuple(kind for kind in _OTHER_KINDS if "LASER" in kind)
 
 # Half-circle lasers of known beam counts; for others the half circle is worth a note.
 _USUAL_BEAM_COUNTS = frozenset({180, 181, 360, 361})
-
-_MAX_BAD_LINES_KEPT = 5
 
 
 def matches(head: bytes) -> bool:
@@ -93,22 +93,14 @@ def open_carmen(source: Source) -> LoadedLog:
         except BadLineError as error:
             skipped[error.reason] += 1
             bad_count += 1
-            if len(bad_lines) < _MAX_BAD_LINES_KEPT:
+            if len(bad_lines) < MAX_BAD_LINES_KEPT:
                 bad_lines.append(BadLine(number, str(error)))
     if not lines:
         raise _no_scan_error(source.path, kinds, skipped, bad_lines)
 
     notes = source.initial_notes()
-    if bad_lines:
-        first = _quote(source.path, bad_lines[0])
-        notes.append(
-            Note(
-                f"{bad_count} laser lines were skipped, the first: {first}",
-                code="log.bad_lines",
-                severity="warning",
-            )
-        )
-    range_max = _find_range_max(lines, notes)
+    note_bad_lines(source.path, bad_lines, bad_count, notes)
+    range_max = find_range_max(lines, notes)
     _note_assumptions(lines, kinds, notes)
     return LoadedLog(
         path=source.path,
@@ -116,46 +108,9 @@ def open_carmen(source: Source) -> LoadedLog:
         sensor={} if range_max is None else {"range_max": range_max},
         skipped=skipped,
         notes=tuple(notes),
-        scans=tuple(_to_scan(line) for line in lines),
+        scans=tuple(to_scan(line) for line in lines),
         bad_lines=tuple(bad_lines),
     )
-
-
-def _to_scan(line: LaserLine) -> Scan:
-    directions = beam_directions(line.start, line.step, len(line.ranges))
-    return Scan(line.map_from_sensor, directions, line.ranges, line.stamp_ns)
-
-
-def _find_range_max(lines: list[LaserLine], notes: list[Note]) -> float | None:
-    """The range from which on a finite reading is no return [m]; says in `notes` why."""
-    ranges = np.concatenate([line.ranges for line in lines])
-    limits: list[float] = []
-    codes = find_codes(ranges)
-    if codes:
-        limits.append(codes[-1].value)
-        larger = int(np.count_nonzero(np.isfinite(ranges) & (ranges > codes[0].value)))
-        text = describe_codes(codes, larger)
-        # With readings above it, it may be a wall that a robot stood still before.
-        notes.append(Note(text, code="no_return.found", severity="warning" if larger else "info"))
-    if doubtful := find_doubtful_code(ranges, codes):
-        value = f"{doubtful.value:g}"
-        text = f"{value} m occurs {doubtful.count} times near the top of the range, as no reading "
-        text += f"around it does: if it means 'no return', say so with --range-max {value}"
-        notes.append(Note(text, code="no_return.doubtful", severity="warning"))
-    stated = {line.maximum_range for line in lines if line.maximum_range is not None}
-    if stated:
-        lowest = min(stated)
-        limits.append(lowest)
-        count = int(np.count_nonzero(np.isfinite(ranges) & (ranges >= lowest)))
-        smallest = " (the smallest it states)" if len(stated) > 1 else ""
-        notes.append(
-            Note(
-                f"the log states a maximum range of {lowest:g} m{smallest}: "
-                f"{count} readings at or above it",
-                code="range_max.stated",
-            )
-        )
-    return min(limits, default=None)
 
 
 def _note_assumptions(lines: list[LaserLine], kinds: Counter[str], notes: list[Note]) -> None:
@@ -219,9 +174,5 @@ def _no_scan_error(
     reasons = ", ".join(f"{reason} {count}" for reason, count in skipped.most_common())
     return InputError(
         f"{path}: no usable scan, {laser_count} laser lines were skipped ({reasons}), the first: "
-        f"{_quote(path, bad_lines[0])}: check that the log was copied and converted whole"
+        f"{quote(path, bad_lines[0])}: check that the log was copied and converted whole"
     )
-
-
-def _quote(path: str, bad: BadLine) -> str:
-    return f"{path}:{bad.number}: {bad.message}"

@@ -55,6 +55,7 @@ class LaserLine:
         step: angle from beam to beam [rad].
         stamp_ns: ipc time [ns], or None where it is not a finite number >= 0.
         maximum_range: the largest range the line says its laser has [m], or None.
+        map_from_robot: pose of the robot by its odometry, where the line states it.
     """
 
     kind: str
@@ -64,6 +65,7 @@ class LaserLine:
     step: float
     stamp_ns: int | None
     maximum_range: float | None = None
+    map_from_robot: Pose2 | None = None
 
 
 @lru_cache(maxsize=32)
@@ -149,6 +151,7 @@ def _parse_robotlaser(kind: str, fields: list[bytes]) -> LaserLine:
         step=float(resolution),
         stamp_ns=_parse_stamp(fields[n + m + 21]),
         maximum_range=float(maximum_range) if states_range else None,
+        map_from_robot=_laser_pose(poses[3:]),
     )
 
 

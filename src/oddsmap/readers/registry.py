@@ -16,6 +16,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers import (
     carmen,
+    g2o,
     npz_beams,
     npz_grids,
     octomap_graph,
@@ -76,6 +77,7 @@ READERS: tuple[Reader, ...] = (
     Reader("PCD scans", pcd.matches, scan_folder.open_single_cloud("PCD", pcd.read_pcd)),
     Reader("PLY scans", ply.matches, scan_folder.open_single_cloud("PLY", ply.read_ply)),
     Reader("OctoMap scan graphs", octomap_graph.matches, octomap_graph.open_octomap_graph),
+    Reader("g2o graphs with scans", g2o.matches, _alone("a g2o graph", g2o.open_g2o)),
     Reader("CARMEN logs", carmen.matches, _alone("a CARMEN log", carmen.open_carmen)),
 )
 
