@@ -65,7 +65,8 @@ def test_the_laser_keeps_its_place_on_the_robot(tmp_path: Path) -> None:
     path = write(tmp_path, "VERTEX_SE2 0 10 20 0", laser(turned, f"5 6 {math.pi / 2!r}"))
     (scan,) = open_log(path)
     pose = scan.map_from_sensor
-    np.testing.assert_allclose([pose.x, pose.y, pose.theta], [10.3, 20.0, math.pi / 2], atol=1e-12)
+    assert isinstance(pose, Pose2)
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((10.3, 20.0, math.pi / 2), abs=1e-12)
 
 
 def test_what_belongs_to_no_vertex_is_counted(tmp_path: Path) -> None:
@@ -107,7 +108,7 @@ def test_a_graph_that_was_not_optimised_is_doubtful(tmp_path: Path) -> None:
     ("lines", "message"),
     [
         (["VERTEX_SE2 0 0 0 0", "VERTEX_SE2 1 1 0 0", "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1"],
-         r"without laser lines .*; found VERTEX_SE2 \(2\), EDGE_SE2 \(1\): give a graph that keeps"),
+         r"without laser lines .*; found VERTEX_SE2 \(2\), EDGE_SE2 \(1\): give a graph"),
         (["VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1"], r"found VERTEX_SE3:QUAT \(1\)"),
         (["VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1", laser()],
          r"no usable scan .*\(scan.no_pose 1\), the first: .*:2: ROBOTLASER1 does not follow"),

@@ -21,7 +21,7 @@ from oddsmap.readers.bin_columns import find_bin_columns
 from oddsmap.readers.bin_points import KITTI_COLUMNS, read_bin_points
 from oddsmap.readers.compression import Source, open_source
 from oddsmap.readers.kitti_calib import read_kitti_poses
-from oddsmap.readers.options import ReadOptions
+from oddsmap.readers.options import FilePath, ReadOptions
 from oddsmap.readers.pcd import read_pcd, viewpoint_pose
 from oddsmap.readers.ply import read_ply
 from oddsmap.readers.point_cloud import Cloud
@@ -33,6 +33,7 @@ from oddsmap.readers.pose_association import (
     match_poses,
     sorted_by_name,
 )
+from oddsmap.readers.pose_file import PoseFile
 from oddsmap.readers.viewpoints import any_viewpoint, frame_note, in_sensor_frame
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.memory_log import LoadedLog
@@ -185,10 +186,11 @@ def _match(
         times = folder / TIMES_NAME
     if poses is not None:
         names = [path.name for path in files]
-        stated = isinstance(poses, Trajectory) or options.body_from_sensor is not None
-        if suffix == ".bin" and not stated:
-            poses = read_kitti_poses(folder, poses)
-        match = match_poses(name, names, poses, times, options)
+        file: FilePath | Trajectory | PoseFile = poses
+        may_be_camera = suffix == ".bin" and options.body_from_sensor is None
+        if may_be_camera and not isinstance(poses, Trajectory):
+            file = read_kitti_poses(folder, poses)
+        match = match_poses(name, names, file, times, options)
         return match, match.notes
     if suffix == ".pcd" and any_viewpoint(files):
         options.refuse(name, "a folder whose poses are each PCD's VIEWPOINT", "times")
