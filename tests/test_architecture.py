@@ -77,7 +77,7 @@ FLOORS = (
     ("__main__",),
     ("cli",),
     ("__init__",),
-    ("scoring",),
+    ("scoring", "plausibility"),
     ("evidence_map",),
     ("full_map",),
     ("projection",),

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from oddsmap.maps.probability_map import ProbabilityMap, load_ros
     from oddsmap.maps.voxel_map import VoxelMap, load_octomap
     from oddsmap.odds import State, Thresholds
+    from oddsmap.plausibility.doubts import check_log
     from oddsmap.poses.pose import Pose2, Pose3
     from oddsmap.posterior.changes import changed
     from oddsmap.posterior.decay_rate import DecayRate
@@ -98,6 +99,7 @@ __all__ = [
     "build_reflection_map",
     "calibrate",
     "changed",
+    "check_log",
     "evaluate",
     "load_full_map",
     "load_map",
@@ -148,6 +150,7 @@ _HOME = {
     "build_reflection_map": "full_map.reflection",
     "calibrate": "scoring.calibration",
     "changed": "posterior.changes",
+    "check_log": "plausibility.doubts",
     "evaluate": "scoring.truth",
     "load_full_map": "full_map.full_map",
     "load_map": "evidence_map",

@@ -32,6 +32,7 @@ from oddsmap.cli.options import (
     thread_count,
 )
 from oddsmap.cli.summary import say
+from oddsmap.errors import OddsmapError
 
 if TYPE_CHECKING:
     from oddsmap.cli.opened_logs import OpenedLogs
@@ -132,15 +133,30 @@ def build(
         quiet=as_json,
     )
     opened = open_logs(plan)
-    facts, report = make_map(plan, opened)
+    try:
+        facts, report = make_map(plan, opened)
+    except OddsmapError:
+        # What looks odd in a log may be why it makes no map.
+        _say_doubts(opened, err=True)
+        raise
     facts |= _facts_of_work(plan, opened, report)
     for part in opened.logs:
         for note in (*part.log.notes, *doubts_of_settings(part.log, part.config)):
             typer.echo(f"{part.log.path}: {note}", err=as_json)
+    _say_doubts(opened, err=as_json)
     if as_json:
         typer.echo(json.dumps(facts))
     else:
         say(facts)
+
+
+def _say_doubts(opened: OpenedLogs, *, err: bool) -> None:
+    """Say what looks odd in the scans that were mapped, as far as they were read."""
+    from oddsmap.plausibility.doubts import doubts_of_sample
+
+    for part in opened.logs:
+        for doubt in doubts_of_sample(part.sample):
+            typer.echo(f"{part.log.path}: {doubt}", err=err)
 
 
 def _facts_of_work(plan: BuildPlan, opened: OpenedLogs, report: Report) -> dict[str, Any]:

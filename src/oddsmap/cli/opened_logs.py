@@ -12,6 +12,7 @@ from oddsmap.cli.sensor_names import check_width, may_be_called, sensor_name
 if TYPE_CHECKING:
     from oddsmap.cli.build_plan import BuildPlan
     from oddsmap.config.config import Config
+    from oddsmap.plausibility.sample import Sample
     from oddsmap.scans.log import Log
 
 __all__ = ["OpenedLog", "OpenedLogs", "open_logs"]
@@ -19,10 +20,11 @@ __all__ = ["OpenedLog", "OpenedLogs", "open_logs"]
 
 @dataclass(frozen=True, slots=True)
 class OpenedLog:
-    """A log, without the scans that are kept back, and its configuration."""
+    """A log, without the scans that are kept back, its configuration, and a look at its scans."""
 
     log: Log
     config: Config
+    sample: Sample
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,10 +59,7 @@ def open_logs(plan: BuildPlan) -> OpenedLogs:
     sensor = _only_sensor(plan, logs, configs)
     every = plan.hold_out_every
     return OpenedLogs(
-        logs=[
-            OpenedLog(_mapped_part(log, every), config)
-            for log, config in zip(logs, configs, strict=True)
-        ],
+        logs=[_watched(log, config, every) for log, config in zip(logs, configs, strict=True)],
         sensor=sensor,
         held_out=_held_out(logs, every),
         read_s=read_s,
@@ -92,7 +91,14 @@ def _only_sensor(plan: BuildPlan, logs: list[Log], configs: list[Config]) -> str
     return name
 
 
-def _mapped_part(log: Log, every: int | None) -> Log:
+def _watched(log: Log, config: Config, every: int | None) -> OpenedLog:
+    """What is mapped of a log, with a sample that fills while it is read."""
+    from oddsmap.plausibility.doubts import WatchedLog
+    from oddsmap.plausibility.sample import Sample
     from oddsmap.scans.split_log import hold_out
 
-    return log if every is None else hold_out(log, every)[0]
+    range_max = getattr(config.sensor, "range_max", None)
+    sample = Sample(log.scan_count, float("inf") if range_max is None else range_max)
+    watched = WatchedLog(log, sample)
+    mapped = watched if every is None else hold_out(watched, every)[0]
+    return OpenedLog(mapped, config, sample)

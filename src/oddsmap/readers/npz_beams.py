@@ -47,6 +47,8 @@ _INTERVALS = {
 _NARROW_DEG = 1.0
 # How far the length of a direction may be from 1: rounding, and no more.
 _UNIT_TOLERANCE = 1e-3
+# Five turns: a robot that adds up its turns may get there, headings in degrees do at once [rad].
+_MANY_TURNS = 10 * math.pi
 _LAYOUTS = "beams (n, 4) = x, y, heading, range or (n, 7) = x, y, z, dx, dy, dz, range"
 
 
@@ -98,6 +100,7 @@ def open_npz_beams(source: Source) -> LoadedLog:
     rows, beams = np.flatnonzero(usable), beams[usable]
     ranges = _read_ranges(beams[:, -1], arrays.get("range_max"), notes)
     directions = _directions(path, beams, rows)
+    _doubt_headings(beams, notes)
     stamps = None if stamps is None else stamps[usable].astype(np.int64)
     if scan_ids is None:
         groups = _group_in_turn(beams[:, :d], stamps)
@@ -189,6 +192,17 @@ def _directions(path: str, beams: _Array, rows: _IntArray) -> _FloatArray:
         )
     directions /= lengths[:, None]
     return directions
+
+
+def _doubt_headings(beams: _Array, notes: list[Note]) -> None:
+    """Note headings of 2D beams that look like degrees: as directions none looks odd any more."""
+    largest = float(np.abs(beams[:, 2]).max()) if beams.shape[1] == 4 else 0.0
+    if largest > _MANY_TURNS:
+        text = (
+            f"are these headings in degrees? They reach {largest:.4g} and are read as radians: if "
+            "so, multiply them by pi / 180"
+        )
+        notes.append(Note(text, code="beam.headings_in_degrees", severity="warning"))
 
 
 def _read_ranges(ranges: _Array, range_max: _Array | None, notes: list[Note]) -> _FloatArray:

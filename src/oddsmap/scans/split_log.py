@@ -3,21 +3,20 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from oddsmap.errors import ConfigError
-from oddsmap.scans.log import Log, SensorInfo
-from oddsmap.scans.note import Note
+from oddsmap.scans.log import Log
+from oddsmap.scans.log_view import LogView
 from oddsmap.scans.scan import Scan
 
 __all__ = ["PartOfLog", "every_of", "hold_out"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PartOfLog:
+class PartOfLog(LogView):
     """The scans of a log that are mapped, or those that are held out; satisfies `Log`.
 
     Args:
@@ -26,39 +25,8 @@ class PartOfLog:
         held: True: these scans; False: all others.
     """
 
-    log: Log
     every: int
     held: bool
-
-    @property
-    def path(self) -> str:
-        """Where the log was read from."""
-        return self.log.path
-
-    @property
-    def format(self) -> str:
-        """Name of the format, for people."""
-        return self.log.format
-
-    @property
-    def sensors(self) -> Mapping[str, SensorInfo]:
-        """The sensors of the log, by id."""
-        return self.log.sensors
-
-    @property
-    def sensor(self) -> Mapping[str, float]:
-        """What the log states about its sensor."""
-        return self.log.sensor
-
-    @property
-    def skipped(self) -> Counter[str]:
-        """Lines and scans of the whole log that could not be read, by reason."""
-        return self.log.skipped
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """What to know about the log."""
-        return self.log.notes
 
     @property
     def scan_count(self) -> int | None:
@@ -68,16 +36,6 @@ class PartOfLog:
             return None
         held = whole // self.every
         return held if self.held else whole - held
-
-    def __len__(self) -> int:
-        """How many scans there are.
-
-        Raises:
-            TypeError: it is not known.
-        """
-        if self.scan_count is None:
-            raise TypeError(f"{self.path}: the number of scans is not known before they are read")
-        return self.scan_count
 
     def __iter__(self) -> Iterator[Scan | Any]:
         """The scans in file order; can be started again."""
