@@ -8,7 +8,7 @@ each, to a scan and a few that follow it soon, of which a few hundred returns ar
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -122,7 +122,7 @@ def sample_of(log: Log | Iterable[Measurement], range_max: float | None = None) 
         range_max: a reading from here on is no return [m]; by default what the log says.
     """
     stated = getattr(log, "sensor", {}).get("range_max", math.inf)
-    expected = getattr(log, "scan_count", None)
+    expected = len(log) if isinstance(log, Sequence) else getattr(log, "scan_count", None)
     sample = Sample(expected, stated if range_max is None else range_max)
     if isinstance(log, LazyLog):
         for number in filter(sample.wants, range(log.scan_count)):
