@@ -105,7 +105,7 @@ def test_headings_of_beams_in_degrees(
     beams = np.stack([headings * 0, headings * 0, headings * scale, headings * 0 + 2.0], axis=1)
     np.savez(tmp_path / "beams.npz", beams=beams, range_max=5.0)
     notes = oddsmap.open_log(tmp_path / "beams.npz").notes
-    found = [note for note in notes if note.code == "beam.headings_in_degrees"]
+    found = [note for note in notes if note.code == "pose.headings_in_degrees"]
     assert len(found) == doubtful
     if doubtful:
         assert found[0].severity == "warning"

@@ -31,6 +31,11 @@ def wide(tmp_path: Path) -> Log:
         (["sensor.range_max=2"], []),
         (["sensor.range_max=4"], ["range_max 4 is above the 3 m that this log writes"]),
         (["sensor.kind=beam"], ["beams are 20 degrees wide, sensor.kind beam maps their axes"]),
+        (
+            ["sensor.body_min=[-1,-1]", "sensor.body_max=[1,1]"],
+            ["sensor.body_min is in the sensor frame, and this log has the directions of its"],
+        ),
+        (["sensor.kind=beam", "sensor.angle_max=1"], ["beams are 20", "sensor.angle_max is in"]),
         (["sensor.kind=beam", "sensor.range_max=4"], ["beams are 20", "range_max 4 is above"]),
     ],
 )

@@ -113,6 +113,8 @@ CHANGES: dict[str, dict[str, Any]] = {
         "mark_z_max": 0.5,
         "body_min": [-3.0, -3.0, -3.0],
         "body_max": [2.0, 0.5, 0.5],
+        "angle_min": 0.01,
+        "angle_max": 1.5,
     },
     "cone": {
         "cone_deg": 30.0,
@@ -278,8 +280,8 @@ def likelihood(config: Config) -> float:
 
 @pytest.mark.parametrize(("holder", "name", "kind"), FIELDS)
 def test_bounds(holder: str, name: str, kind: str) -> None:
-    if "float" not in kind or name in FILTERS:
-        return  # the filters: any height, any box (below)
+    if "float" not in kind or name in FILTERS or name.startswith("angle_"):
+        return  # the filters: any height, any box, any angle (below)
     bad = [math.nan, math.inf, -math.inf, -1.0]
     bad += [] if (holder, name) in ZERO else [0.0]
     bad += [] if (holder, name) in LARGE else [1.5]
@@ -299,6 +301,14 @@ def test_bounds(holder: str, name: str, kind: str) -> None:
         {"body_min": [0.0, 0.0, 0.0]},
         {"body_min": [0.0, 0.0, 0.0], "body_max": [1.0, 1.0, 0.0]},
         {"body_min": [0.0, 0.0, math.nan], "body_max": [1.0, 1.0, 1.0]},
+        {"body_min": [0.0, 0.0], "body_max": [1.0, 1.0, 1.0]},
+        {"body_min": [0.0, 1.0], "body_max": [1.0, 1.0]},
+        {"angle_min": 4.0},
+        {"angle_max": -4.0},
+        {"angle_min": 1.0, "angle_max": 1.0},
+        {"angle_min": -90.0, "angle_max": 90.0},
+        {"angle_min": math.nan, "angle_max": 1.0},
+        {"angle_min": 0.0, "angle_max": math.inf},
     ],
 )
 def test_bounds_of_filters(sensor: dict[str, Any]) -> None:
@@ -327,9 +337,27 @@ def test_whole_numbers_reach_kernels_as_floats() -> None:
     assert type(BeamSensor(sigma=1, spread=3).half_width) is float
 
 
-def test_filters_are_for_space() -> None:
-    with pytest.raises(ConfigError, match="for 3D scans: these are 2D"):
-        build_map(FLAT, 0.1, sensor=BeamSensor(mark_z_min=0.0))
+BOX2, BOX3 = ({"body_min": (-1.0,) * d, "body_max": (1.0,) * d} for d in (2, 3))
+
+
+@pytest.mark.parametrize(
+    ("log", "filters", "words"),
+    [
+        (FLAT, {"mark_z_min": 0.0}, "mark_z_max are for 3D scans: these are 2D"),
+        (FLAT, BOX3, "have 3 numbers each, and these scans are 2D: give two numbers, x and y"),
+        (SPACE, BOX2, "have 2 numbers each, and these scans are 3D: give three numbers, x, y and"),
+        (SPACE, {"angle_max": 1.0}, "angle_max are for 2D scans: these are 3D"),
+    ],
+)
+def test_filters_are_for_scans_of_their_dimension(
+    log: list[Measurement], filters: dict[str, Any], words: str
+) -> None:
+    sensors: list[Any] = [BeamSensor(**filters)]
+    if "angle_max" not in filters:  # cones have no window
+        sensors.append(ConeSensor(cone_deg=20.0, **filters))
+    for sensor in sensors:
+        with pytest.raises(ConfigError, match=words):
+            build_map(log, 0.1, sensor=sensor)
 
 
 @pytest.mark.parametrize(("holder", "name", "kind"), FIELDS)

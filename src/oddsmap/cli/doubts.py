@@ -15,6 +15,8 @@ __all__ = ["doubt_of_sensor", "doubts_of_settings"]
 
 # Calibration may find a width that differs from the one in the log, but not by such a factor.
 _ANOTHER_WIDTH = 1.5
+# Settings of where the robot itself is.
+_ON_THE_ROBOT = ("body_min", "angle_min", "angle_max")
 
 
 def doubts_of_settings(log: Log, config: Config) -> list[str]:
@@ -28,6 +30,12 @@ def doubts_of_settings(log: Log, config: Config) -> list[str]:
         found.append(
             f"range_max {used:g} is above the {written:g} m that this log writes where nothing was "
             "seen: such readings now count as obstacles"
+        )
+    turning = [name for name in _ON_THE_ROBOT if getattr(config.sensor, name, None) is not None]
+    if turning and log.format == "NPZ beam log":
+        found.append(
+            f"sensor.{turning[0]} is in the sensor frame, and this log has the directions of its "
+            "beams in the map frame: what is set does not turn with the robot"
         )
     return found
 

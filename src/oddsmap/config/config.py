@@ -243,20 +243,21 @@ def _check_field(holder: Any, section: str, name: str, value: object, where: str
         "int | None": (value is None or (number and isinstance(value, int)), "a whole number"),
         "bool": (isinstance(value, bool), "true or false"),
         "str": (isinstance(value, str), "a word"),
-        "tuple[float, float, float] | None": (
-            value is None or _is_triple(value),
-            "three numbers, like [-0.3, -0.2, -0.5]",
+        "tuple[float, ...] | None": (
+            value is None or _is_corner(value),
+            "two numbers in 2D, like [-0.3, -0.2], or three in 3D",
         ),
     }[kind]
     if not fits:
         raise ConfigError(f"{where}: {section}.{name} is {wanted}, got {value!r}")
 
 
-def _is_triple(value: object) -> bool:
-    numbers = isinstance(value, list | tuple) and all(
-        isinstance(part, int | float) and not isinstance(part, bool) for part in value
+def _is_corner(value: object) -> bool:
+    return (
+        isinstance(value, list | tuple)
+        and len(value) in (2, 3)
+        and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value)
     )
-    return numbers and isinstance(value, list | tuple) and len(value) == 3
 
 
 def _known(name: str, names: Mapping[str, object], where: str, what: str) -> None:

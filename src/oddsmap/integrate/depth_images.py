@@ -28,6 +28,7 @@ from oddsmap.poses.product import inverse
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import RaySensor
+from oddsmap.sensors.filters import check_filters
 
 __all__ = ["ProjectiveIntegrator"]
 
@@ -68,6 +69,7 @@ class ProjectiveIntegrator(Integrator3D):
                 )
         if evidence.config.map.half_life is not None:
             raise ConfigError('method "projective" gives whole votes: it takes no map.half_life')
+        check_filters(3, sensor.heights, sensor.body, sensor.angle_window)
         super().__init__(evidence, sensor, tiles, lock)
         self._filters = np.isfinite(sensor.heights).any() or np.isfinite(sensor.body).all()
         self._camera: _Lookup | None = None

@@ -202,7 +202,7 @@ def _doubt_headings(beams: _Array, notes: list[Note]) -> None:
             f"are these headings in degrees? They reach {largest:.4g} and are read as radians: if "
             "so, multiply them by pi / 180"
         )
-        notes.append(Note(text, code="beam.headings_in_degrees", severity="warning"))
+        notes.append(Note(text, code="pose.headings_in_degrees", severity="warning"))
 
 
 def _read_ranges(ranges: _Array, range_max: _Array | None, notes: list[Note]) -> _FloatArray:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, runtime_checkable
 from oddsmap.array_types import FloatArray
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.cell_votes import CellVotes
+from oddsmap.sensors.filters import AngleWindow
 from oddsmap.sensors.inverse_model import HitShape
 from oddsmap.sensors.segments import Segments
 
@@ -66,7 +67,11 @@ class RaySensor(Sensor, Protocol):
 
     @property
     def body(self) -> FloatArray:
-        """Corners of the body's box in the sensor frame [m], shape (2, 3)."""
+        """Corners of the body's box in the sensor frame [m], shape (2, 3); in 2D of any height."""
+
+    @property
+    def angle_window(self) -> AngleWindow:
+        """Lowest and highest azimuth of a beam that counts [rad]; None: all count."""
 
     def segments(
         self, scans: Sequence[Measurement], farthest: float = ...

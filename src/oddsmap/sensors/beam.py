@@ -23,6 +23,7 @@ from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError
 from oddsmap.odds import logit
 from oddsmap.scans.measurement import Measurement
+from oddsmap.sensors.filters import AngleWindow, body_box, check_body
 from oddsmap.sensors.inverse_model import HitShape, beam_weights
 from oddsmap.sensors.segments import Segments, cut_scans
 
@@ -66,9 +67,13 @@ class BeamSensor:
         mark_z_min: a return below this height in the map frame clears but does not mark [m];
             3D scans only.
         mark_z_max: likewise above this height [m].
-        body_min: lowest corner of the robot's body in the sensor frame [m], three numbers; a
-            return inside the body's box does not mark. 3D scans only.
+        body_min: lowest corner of the robot's body in the sensor frame [m], x and y in 2D, x, y
+            and z in 3D; a return inside the body's box does not mark.
         body_max: its highest corner [m].
+        angle_min: beams of a lower azimuth in the sensor frame say nothing [rad]: where the robot
+            itself is in the way; None: -pi. 2D scans only.
+        angle_max: likewise those of a higher one [rad]; None: pi. The window between the two may
+            lie across the back: from 2 to 4.
         detection: probability that an occupied cell returns the beam. This and what follows belongs
             to the forward model: it changes `forward_model`, never the filter.
         p_random: rate of random readings.
@@ -95,8 +100,10 @@ class BeamSensor:
     p_miss: float = 0.4
     mark_z_min: float | None = None
     mark_z_max: float | None = None
-    body_min: tuple[float, float, float] | None = None
-    body_max: tuple[float, float, float] | None = None
+    body_min: tuple[float, ...] | None = None
+    body_max: tuple[float, ...] | None = None
+    angle_min: float | None = None
+    angle_max: float | None = None
     detection: float = 0.98
     p_random: float = 0.02
     p_dropout: float = 0.02
@@ -136,18 +143,13 @@ class BeamSensor:
                 raise ConfigError(f"sensor.{name} is a height [m], got {value}")
         if not low < high:
             raise ConfigError(f"sensor.mark_z_min < mark_z_max is needed, got {low} and {high}")
-        if (self.body_min is None) != (self.body_max is None):
-            raise ConfigError("sensor.body_min and body_max make a box: set both or none")
-        if self.body_min is not None and self.body_max is not None:
-            corners = np.array([self.body_min, self.body_max], np.float64)
-            if (
-                corners.shape != (2, 3)
-                or not (np.isfinite(corners) & (corners[0] < corners[1])).all()
-            ):
-                raise ConfigError(
-                    "sensor.body_min and body_max are three lengths each, min below max, "
-                    f"got {self.body_min} and {self.body_max}"
-                )
+        check_body(self.body_min, self.body_max)
+        window = self.angle_window
+        if window is not None and not window[0] < window[1] <= window[0] + 2 * math.pi:
+            raise ConfigError(
+                "sensor.angle_min < angle_max are angles in radians, up to 2 pi apart (by default "
+                f"-pi and pi), got {self.angle_min} and {self.angle_max}"
+            )
 
     def forward_model(self) -> ForwardModel:
         """p(z | map, pose) of the same beam, a ray, for simulation and full-map estimation.
@@ -201,10 +203,18 @@ class BeamSensor:
 
     @property
     def body(self) -> FloatArray:
-        """Corners of the body's box in the sensor frame [m], shape (2, 3)."""
-        if self.body_min is None or self.body_max is None:
-            return np.array([[math.inf] * 3, [-math.inf] * 3])  # no point lies in this box
-        return np.array([self.body_min, self.body_max], np.float64)
+        """Corners of the body's box in the sensor frame [m], shape (2, 3); in 2D of any height."""
+        return body_box(self.body_min, self.body_max)
+
+    @property
+    def angle_window(self) -> AngleWindow:
+        """Lowest and highest azimuth of a beam that counts [rad]; None: all count."""
+        if self.angle_min is None and self.angle_max is None:
+            return None
+        return (
+            -math.pi if self.angle_min is None else float(self.angle_min),
+            math.pi if self.angle_max is None else float(self.angle_max),
+        )
 
     @property
     def limits(self) -> Limits:
@@ -276,7 +286,7 @@ class BeamSensor:
 
         Raises:
             InputError: 2D and 3D scans are mixed.
-            ConfigError: a filter for 3D scans is set, and the scans are 2D.
+            ConfigError: a filter is set that is not for scans of their dimension.
         """
         return cut_scans(
             scans,
@@ -284,6 +294,7 @@ class BeamSensor:
             shape=self.hit_shape,
             heights=self.heights,
             body=self.body,
+            window=self.angle_window,
             farthest=farthest,
         )
 

@@ -26,7 +26,7 @@ from oddsmap.limits import MAX_COORDINATE
 from oddsmap.scans.measurement import ranges_of
 from oddsmap.sensors.beam import NO_RANGE_MAX, BeamSensor, check_rates
 from oddsmap.sensors.cell_votes import CellVotes
-from oddsmap.sensors.segments import refuse_filters_in_2d
+from oddsmap.sensors.filters import check_filters
 from oddsmap.sensors.usable_beams import Verdicts, judge_readings, refuse_beam_origins
 
 if TYPE_CHECKING:
@@ -76,8 +76,8 @@ class ConeSensor:
         mark_z_min: a return below this height in the map frame clears but does not mark [m], by
             the end point of the axis; 3D scans only.
         mark_z_max: likewise above this height [m].
-        body_min: lowest corner of the robot's body in the sensor frame [m], three numbers; a
-            return inside the body's box does not mark. 3D scans only.
+        body_min: lowest corner of the robot's body in the sensor frame [m], x and y in 2D, x, y
+            and z in 3D; a return whose axis ends inside the body's box does not mark.
         body_max: its highest corner [m].
         detection: probability that an occupied cell echoes. This and what follows belongs to the
             forward model: it changes `forward_model`, never the filter.
@@ -107,8 +107,8 @@ class ConeSensor:
     p_miss: float = 0.4
     mark_z_min: float | None = None
     mark_z_max: float | None = None
-    body_min: tuple[float, float, float] | None = None
-    body_max: tuple[float, float, float] | None = None
+    body_min: tuple[float, ...] | None = None
+    body_max: tuple[float, ...] | None = None
     detection: float = 0.98
     p_random: float = 0.02
     p_dropout: float = 0.02
@@ -245,7 +245,7 @@ class ConeSensor:
             raise InputError("2D and 3D scans cannot go into one map")
         d = finite[0].directions.shape[1] if finite else 2
         refuse_beam_origins(finite)
-        refuse_filters_in_2d(d, beam.heights, beam.body)
+        check_filters(d, beam.heights, beam.body)
         limit = MAX_COORDINATE * resolution
         near = [s for s in finite if np.abs(s.map_from_sensor.translation).max() < limit]
         sizes = np.array([scan.size for scan in near], np.int64)
@@ -297,16 +297,17 @@ def _sorted(
     readings = np.where(np.isfinite(axes).all(axis=1), ranges, np.nan)
     verdicts = judge_readings(readings, beam.limits)
     hit, counts = verdicts.seen.copy(), verdicts.skipped
-    if directions.shape[1] == 3:
-        low, high = beam.heights
-        with np.errstate(invalid="ignore"):
-            points = directions * verdicts.reach[:, None]
-            z = starts[:, 2] + axes[:, 2] * verdicts.reach
-            on_body = hit & ((beam.body[0] <= points) & (points <= beam.body[1])).all(axis=1)
-            outside = hit & ~on_body & ((z < low) | (z > high))
-        hit &= ~(on_body | outside)
-        counts["hit.on_body"] = int(np.count_nonzero(on_body))
-        counts["hit.outside_heights"] = int(np.count_nonzero(outside))
+    d = directions.shape[1]
+    low, high = beam.heights
+    body = beam.body[:, :d]
+    with np.errstate(invalid="ignore"):
+        points = directions * verdicts.reach[:, None]
+        z = starts[:, 2] + axes[:, 2] * verdicts.reach if d == 3 else np.zeros(len(starts))
+        on_body = hit & ((body[0] <= points) & (points <= body[1])).all(axis=1)
+        outside = hit & ~on_body & ((z < low) | (z > high))
+    hit &= ~(on_body | outside)
+    counts["hit.on_body"] = int(np.count_nonzero(on_body))
+    counts["hit.outside_heights"] = int(np.count_nonzero(outside))
     return verdicts, hit, counts
 
 

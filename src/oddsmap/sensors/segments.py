@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,15 +12,16 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import InputError
 from oddsmap.scans.measurement import Measurement, ranges_of
 from oddsmap.scans.scan import Scan
+from oddsmap.sensors.filters import AngleWindow, beams_within, check_filters
 from oddsmap.sensors.inverse_model import HitShape
 
 if TYPE_CHECKING:
     from oddsmap.kernels.trace.readings import Limits
 
-__all__ = ["Segments", "cut_scans", "refuse_filters_in_2d"]
+__all__ = ["Segments", "cut_scans"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +56,7 @@ def cut_scans(
     shape: HitShape,
     heights: tuple[float, float],
     body: FloatArray,
+    window: AngleWindow,
     farthest: float,
 ) -> tuple[Segments, Counter[str]]:
     """Sort the readings of scans: see `BeamSensor.segments`.
@@ -65,7 +66,9 @@ def cut_scans(
         limits: which readings count.
         shape: how a beam votes around its return.
         heights: lowest and highest height in the map frame at which a return marks [m].
-        body: corners of a box in the sensor frame in which no return marks [m], shape (2, 3).
+        body: corners of a box in the sensor frame in which no return marks [m], shape (2, 3); in 2D
+            of any height.
+        window: azimuths in the sensor frame outside which beams say nothing [rad].
         farthest: a scan with a beam that starts this far from the map's origin is skipped [m].
     """
     from oddsmap.kernels.trace.clip_beams import BODY, HEIGHT, REASONS, cut_beams
@@ -76,7 +79,8 @@ def cut_scans(
     if len({scan.directions.shape[1] for scan in finite}) > 1:
         raise InputError("2D and 3D scans cannot go into one map")
     d = finite[0].directions.shape[1] if finite else 2
-    refuse_filters_in_2d(d, heights, body)
+    check_filters(d, heights, body, window)
+    finite, lost = beams_within(finite, window)
     finite, bundles, too_far = _near_bundles_of(finite, d, farthest)
     starts = np.concatenate([[0], np.cumsum(bundles.sizes)]).astype(np.int64)
     measured = [scan.measured_points is not None for scan in finite]
@@ -126,6 +130,7 @@ def cut_scans(
             "scan.nan_pose": len(scans) - len(finite) - too_far,
             "scan.pose_too_far": too_far,
             "scan.empty": len(finite) - len(kept_of_scans),
+            "beam.outside_angles": sum(lost.get(id(scan), 0) for scan in finite),
             "beam.nan": int(counts[NAN]),
             "beam.below_range_min": int(counts[BELOW]),
             "beam.no_return": int(counts[NO_RETURN]),
@@ -199,18 +204,6 @@ def _bundles_of(scans: Sequence[Scan], d: int) -> _Bundles:
         np.concatenate(ends).astype(np.int64),
         per_scan,
     )
-
-
-def refuse_filters_in_2d(d: int, heights: tuple[float, float], body: FloatArray) -> None:
-    """Refuse filters by height and by body for 2D scans.
-
-    Raises:
-        ConfigError: one is set, and d is 2.
-    """
-    if d == 2 and (heights != (-math.inf, math.inf) or np.isfinite(body).all()):
-        raise ConfigError(
-            "sensor.mark_z_min, mark_z_max, body_min and body_max are for 3D scans: these are 2D"
-        )
 
 
 def _joined(arrays: Sequence[FloatArray], nothing: FloatArray) -> FloatArray:

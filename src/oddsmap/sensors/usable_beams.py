@@ -16,6 +16,7 @@ from oddsmap.limits import MAX_COORDINATE
 from oddsmap.scans.measurement import Measurement, ranges_of
 from oddsmap.scans.scan import Scan
 from oddsmap.sensors.base import RangingSensor
+from oddsmap.sensors.filters import NO_BODY, beams_within, check_filters
 
 if TYPE_CHECKING:
     from oddsmap.kernels.trace.readings import Limits
@@ -86,6 +87,11 @@ def usable_beams(
     taken = ranges_of(scans)
     if sensor.evidence_from == "cells":
         refuse_beam_origins(taken)
+    # Only narrow beams have a window; another sensor may come from outside and not know of any.
+    window = getattr(sensor, "angle_window", None)
+    if window is not None and taken:
+        check_filters(taken[0].directions.shape[1], (-np.inf, np.inf), NO_BODY, window)
+    taken, lost = beams_within(taken, window)
     beams, skipped = Beams.from_scans(taken)
     finite = [scan for scan in taken if scan.map_from_sensor.is_finite]
     whose = np.repeat(np.arange(len(finite)), [scan.size for scan in finite])
@@ -101,6 +107,9 @@ def usable_beams(
     scan_count = len(np.unique(whose[used]))
     near = int(np.count_nonzero(~far))
     skipped += verdicts.skipped
+    skipped["beam.outside_angles"] = sum(
+        lost.get(id(scan), 0) for scan, near in zip(finite, ~far, strict=True) if near
+    )
     skipped["scan.pose_too_far"] = len(finite) - near
     skipped["scan.empty"] = near - scan_count
     ranges = verdicts.reach[verdicts.used]

@@ -93,7 +93,7 @@ def cut_beams(
         fade: the way before that region over which passes fade [m].
         heights: lowest and highest z in the map frame at which a return marks [m]; 3D only.
         body: lowest and highest corner of the robot's body in the sensor frame [m], shape (2, 3): a
-            return in this box does not mark; 3D only.
+            return in this box does not mark; in 2D its heights are infinite.
         ends: where the free part ends, shape (n, d), the first offsets[-1] rows are filled.
         tips: where the occupied part ends; may be `ends` itself where half_width is 0.
         fades: where passes begin to fade; may be `ends` itself where fade is 0.
@@ -104,6 +104,7 @@ def cut_beams(
     # Scalars for three axes, the third of which is idle in 2D: loops over axes of a length
     # known only at run time cost three times as much.
     in_3d = origins.shape[1] == 3
+    filtered = in_3d or body[0, 0] <= body[1, 0]
     used = 0
     offsets[0] = 0
     ox, oy, oz = 0.0, 0.0, 0.0
@@ -111,11 +112,12 @@ def cut_beams(
     dz, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     for bundle in range(origins.shape[0]):
         ox, oy = origins[bundle, 0], origins[bundle, 1]
+        sx, sy = shifts[bundle, 0], shifts[bundle, 1]
         xx, xy = rotations[bundle, 0, 0], rotations[bundle, 0, 1]
         yx, yy = rotations[bundle, 1, 0], rotations[bundle, 1, 1]
         if in_3d:
             oz = origins[bundle, 2]
-            sx, sy, sz = shifts[bundle, 0], shifts[bundle, 1], shifts[bundle, 2]
+            sz = shifts[bundle, 2]
             xz, yz = rotations[bundle, 0, 2], rotations[bundle, 1, 2]
             zx, zy, zz = rotations[bundle, 2, 0], rotations[bundle, 2, 1], rotations[bundle, 2, 2]
         start = starts[bundle] if shared else 0
@@ -151,7 +153,7 @@ def cut_beams(
                 tips[used, 0], tips[used, 1] = ox + rx * far, oy + ry * far
                 if in_3d:
                     tips[used, 2] = oz + rz * far
-            if in_3d and seen:
+            if filtered and seen:
                 # Filters say what may mark, never what may clear.
                 way = reach / length
                 z = oz + rz * way
