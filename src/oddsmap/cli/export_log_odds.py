@@ -7,6 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
+from oddsmap.cli.undecided import undecided_in_plane, undecided_in_points
+
 if TYPE_CHECKING:
     from oddsmap.maps.probability_map import ProbabilityMap
     from oddsmap.maps.voxel_map import VoxelMap
@@ -51,6 +55,7 @@ def write_log_odds(
         _save_npz(view, output, force=force)
     elif suffix == ".ply":
         view.save_ply(output, force=force)
+        _say(undecided_in_points(view))
     elif suffix in _OF_SPACE:
         view.save_octomap(output, clamp=clamp, force=force)
     else:
@@ -65,8 +70,15 @@ def write_log_odds(
             from oddsmap.map_files.ros_writer import save_ros
 
             mode = options.get("mode", "trinary")
-            return list(save_ros(grid, output, mode=mode, thresholds=thresholds, force=force))
+            written = save_ros(grid, output, mode=mode, thresholds=thresholds, force=force)
+            _say(undecided_in_plane(grid, thresholds, view) if mode == "trinary" else None)
+            return list(written)
     return [output]
+
+
+def _say(note: str | None) -> None:
+    if note is not None:
+        typer.echo(f"note     {note}")
 
 
 def _open(

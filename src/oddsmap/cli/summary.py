@@ -94,6 +94,7 @@ _MOVING = {
 _WHY = {
     "beam.no_return": " (cleared nothing: a fault looks the same; --clear-range M lets them clear)",
     "beam.nan": " (no information)",
+    "beam.outside_angles": " (neither mark nor clear: sensor.angle_min and angle_max)",
     "beam.below_range_min": " (no information)",
     "beam.zero_range": " (a range of 0 is no reading)",
     "scan.forgotten": " (so old that they weigh nothing: map.half_life)",

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an export loses of cells between the thresholds, and what would change that."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from oddsmap.odds import State, Thresholds, logit, sigmoid
+
+if TYPE_CHECKING:
+    from oddsmap.array_types import FloatArray
+    from oddsmap.maps.probability_map import ProbabilityMap
+    from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.posterior.belief import Belief
+
+__all__ = ["undecided_in_plane", "undecided_in_points"]
+
+# A share that is worth a line. Of five long logs of offices 5 to 22 % of the cells are undecided.
+_NOTABLE = 0.3
+
+
+def undecided_in_plane(
+    grid: ProbabilityMap, thresholds: Thresholds | None, view: Belief | VoxelMap
+) -> str | None:
+    """What to say of a ROS map that knows free, occupied and unknown alone.
+
+    Args:
+        grid: what is written.
+        thresholds: what is free and what is occupied in it.
+        view: what the grid was made of.
+    """
+    limits = thresholds or Thresholds()
+    undecided = grid.state(limits) == State.UNDECIDED
+    count, seen = int(undecided.sum()), int(grid.observed.sum())
+    if count < _NOTABLE * seen or count == 0:
+        return None
+    cause = _fewer_passes(grid.probability[undecided], limits, view) or (
+        ". More scans decide them, or posterior.free and posterior.occupied when a map is built"
+    )
+    return (
+        f"{count / seen:.0%} of the {seen:,} seen cells are written as unknown, neither free (p up "
+        f"to {limits.free:g}) nor occupied (from {limits.occupied:g}){cause}; --mode scale keeps "
+        "their probabilities"
+    )
+
+
+def undecided_in_points(view: Belief | VoxelMap) -> str | None:
+    """What to say of points of occupied cells, where many are nearly that."""
+    import numpy as np
+
+    from oddsmap.posterior.belief import Belief
+
+    limits = view.thresholds if isinstance(view, Belief) else Thresholds()
+    p = view.cells()[1] if isinstance(view, Belief) else view.probability
+    likely, written = int(np.count_nonzero(p >= 0.5)), int(np.count_nonzero(p >= limits.occupied))
+    left = likely - written
+    if left < _NOTABLE * likely or left <= 0:
+        return None
+    return (
+        f"{left / likely:.0%} of the {likely:,} cells that are rather occupied than free are left "
+        f"out: their p is below {limits.occupied:g}. A larger --p-hit or --prior brings them in"
+    )
+
+
+def _fewer_passes(p: FloatArray, limits: Thresholds, view: Belief | VoxelMap) -> str | None:
+    """How few passes are the cause, and the --p-miss that mends it, where that is so."""
+    import numpy as np
+
+    from oddsmap.posterior.log_odds import LogOdds
+
+    if not isinstance(view, LogOdds) or view.prior_map is not None or limits.free <= 0.0:
+        return None
+    start, step, goal = (float(logit(x)) for x in (view.prior, view.p_miss, limits.free))
+    passed = p[p < view.prior]
+    if 2 * len(passed) < len(p) or goal >= start:
+        return None  # most are undecided for another reason than few passes
+    passes = max(1, round((float(np.median(logit(passed))) - start) / step))
+    wanted = math.floor(100 * float(sigmoid((goal - start) / passes))) / 100
+    if not 0.0 < wanted < view.p_miss:
+        return None
+    needed = math.ceil((goal - start) / step - 1e-9)
+    return (
+        f": a cell is free after {needed} passes, and most of these have {passes}. "
+        f"--p-miss {wanted:g} makes them free"
+    )
