@@ -10,7 +10,7 @@ import pytest
 
 import oddsmap
 from oddsmap import ConeSensor, EvidenceMap, InputError, OutputError, Pose2, Scan, build_map
-from oddsmap.atomic_write import check_output
+from oddsmap.map_files.zarr_folder import check_map_output
 from oddsmap.sensors.usable_beams import usable_beams
 from tests.kit import fan_scan
 
@@ -21,7 +21,7 @@ def test_no_folder_of_other_things_is_replaced(tmp_path: Path) -> None:
     (tmp_path / "clouds").mkdir()
     (tmp_path / "clouds" / "thesis.txt").write_text("years")
     with pytest.raises(OutputError, match="is a folder and no map"):
-        check_output(tmp_path / "clouds", force=True)
+        check_map_output(tmp_path / "clouds", force=True)
     grid = build_map([fan_scan(0.0, 0.0, 0.0, [1.0])], 0.5)
     grid.save(tmp_path / "m.zarr")
     grid.save(tmp_path / "m.zarr", force=True)

@@ -4,7 +4,14 @@
 Each message is one line: what went wrong, where, what was found, what to do.
 """
 
-__all__ = ["ConfigError", "InputError", "MapTooLargeError", "OddsmapError", "OutputError"]
+__all__ = [
+    "ConfigError",
+    "InputError",
+    "MapTooLargeError",
+    "OddsmapError",
+    "OutputError",
+    "RecoveryWarning",
+]
 
 
 class OddsmapError(Exception):
@@ -25,3 +32,7 @@ class OutputError(OddsmapError):
 
 class MapTooLargeError(OddsmapError, MemoryError):
     """A map, or the window of one scan, that would not fit in memory."""
+
+
+class RecoveryWarning(UserWarning):
+    """What a killed run had left was put back, finished or removed."""

@@ -218,7 +218,7 @@ def test_a_box_reads_its_shards_alone(tmp_path: Path, monkeypatch: pytest.Monkey
     real = store._add_shard
 
     def spy(*args: Any) -> None:
-        read.append(args[3].tolist())
+        read.append(args[2].tolist())
         real(*args)
 
     monkeypatch.setattr(store, "_add_shard", spy)
@@ -320,9 +320,12 @@ def saved(tmp_path: Path) -> Path:
 
 
 def edit(file: Path, **attributes: object) -> None:
-    content = json.loads(file.read_text())
-    content["attributes"].update(attributes)
-    file.write_text(json.dumps(content))
+    """Change attributes; the digest is set to null, as of a map that is edited on purpose."""
+    root = next(at / "zarr.json" for at in file.parents if at.suffix == ".zarr")
+    for each, changes in ((file, attributes), (root, {"digest": None})):
+        content = json.loads(each.read_text())
+        content["attributes"].update(changes)
+        each.write_text(json.dumps(content))
 
 
 def test_no_map_at_all(tmp_path: Path) -> None:
@@ -392,7 +395,7 @@ def test_a_lost_part(saved: Path, name: str) -> None:
 def test_attributes_of_another_kind(saved: Path, name: str, value: object) -> None:
     file = saved / "zarr.json"
     content = json.loads(file.read_text())
-    content["attributes"][name] = value
+    content["attributes"] |= {name: value, "digest": None}
     if value == "gone":
         del content["attributes"][name]
     file.write_text(json.dumps(content))
@@ -407,7 +410,7 @@ def test_attributes_of_another_kind(saved: Path, name: str, value: object) -> No
     assert str(saved) in message
 
 
-@pytest.mark.parametrize("unit", [None, "x", -1.0, 0.0, 1e300])
+@pytest.mark.parametrize("unit", [None, "x", -1.0, 0.0, 0.5, True, 1e300])
 def test_a_weight_unit_of_another_kind(saved: Path, unit: object) -> None:
     edit(saved / "hits" / "zarr.json", weight_unit=unit)
     one_line(saved)
@@ -419,5 +422,6 @@ def test_weights_beyond_the_limit(saved: Path) -> None:
     array_of(path, "hits", "r+")[0, 0] = (1 << 64) - 1
     assert "2^46 votes" in one_line(path)
     array_of(path, "hits", "r+")[0, 0] = MAX_UNITS
+    edit(path / "passes" / "zarr.json", weight_unit=1.0)
     edit(path / "hits" / "zarr.json", weight_unit=1.0)
     assert "2^46 votes" in one_line(path)

@@ -15,6 +15,7 @@ from oddsmap.cli.build import build
 from oddsmap.cli.calibrate import HELP as CALIBRATE_HELP
 from oddsmap.cli.calibrate import calibrate
 from oddsmap.cli.demo import demo
+from oddsmap.cli.endings import ended_by_signals
 from oddsmap.cli.export import HELP as EXPORT_HELP
 from oddsmap.cli.export import export
 from oddsmap.cli.info import HELP as INFO_HELP
@@ -91,7 +92,8 @@ def _options(
 def run() -> None:
     """Run a command; known failures end with one line on stderr and exit status 1."""
     try:
-        app(standalone_mode=True)
+        with ended_by_signals():
+            app(standalone_mode=True)
     except OddsmapError as error:
         _fail(str(error))
     except BrokenPipeError:

@@ -119,8 +119,8 @@ class BuildPlan:
             raise ConfigError("--sweeps belongs to --estimator full-map")
 
     def _check_output(self) -> None:
-        from oddsmap.atomic_write import check_output
         from oddsmap.errors import ConfigError
+        from oddsmap.map_files.zarr_folder import check_map_output
 
         suffix = self.output.suffix
         if suffix not in ("", ".zarr"):
@@ -128,7 +128,7 @@ class BuildPlan:
                 f"{self.output}: a map is a Zarr folder, by custom NAME.zarr; oddsmap export makes "
                 f'{suffix} of it; got the suffix "{suffix}"'
             )
-        check_output(self.output, force=self.force)
+        check_map_output(self.output, force=self.force)
 
     def _check_settings(self) -> None:
         self.layers.check_estimator(self.estimator)

@@ -27,13 +27,15 @@ def demo(
 
     from oddsmap.atomic_write import check_output
     from oddsmap.evidence_map import build_map
+    from oddsmap.map_files.zarr_folder import check_map_output
     from oddsmap.readers import open_log
     from oddsmap.simulate import Lidar2D, office_drive, office_plan, write_carmen
 
     log_path, map_path = output / "office.log.gz", output / "office.zarr"
     ros_path, picture = output / "office.yaml", output / "office.png"
     output.mkdir(parents=True, exist_ok=True)
-    for path in (log_path, map_path, ros_path, picture):
+    check_map_output(map_path, force=force)
+    for path in (log_path, ros_path, picture):
         check_output(path, force=force)
 
     say = typer.echo

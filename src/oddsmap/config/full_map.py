@@ -6,6 +6,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from oddsmap.errors import ConfigError
 
 __all__ = ["METHODS", "SCHEDULES", "FullMapConfig"]
@@ -90,6 +92,11 @@ class FullMapConfig:
         if self.prior is not None:
             return self.prior
         return 0.475 if ndim == 2 else 0.1
+
+    def log_odds_in(self, ndim: int) -> float:
+        """Log odds of a cell that no beam lists, as they are stored: in float32."""
+        prior = self.prior_in(ndim)
+        return float(np.float32(math.log(prior / (1.0 - prior))))
 
     def values_in(self, ndim: int) -> dict[str, float]:
         """What is chosen by the dimension where nothing is set, as a map's provenance notes it."""

@@ -359,7 +359,7 @@ def _crop_tiles(to: TileStore, tiles: TileStore, first: IntArray, last: IntArray
             kept = (inside[:, axis, :, None] & kept[:, None, :]).reshape(len(coords), -1)
         cut = units * kept[:, None, :]
         some = cut.any(axis=(1, 2))
-        to.add(coords[some], cut[some])
+        to.fill(coords[some], cut[some])
 
 
 def _add_scaled(to: TileStore, tiles: TileStore, factor: float) -> int:

@@ -8,44 +8,49 @@ A map that keeps the lengths of beams has a third array, `lengths`. The arrays c
 known cells, rounded to whole shards. Shards lie on one grid for all maps of a resolution (multiples
 of the shard's side, counted from the map's origin), and empty ones are not written: a region can be
 read, or written by another process, on its own. The attribute `shards` lists those that were
-written, so that one that has gone missing is noticed.
-docs/formats.md lists every attribute.
+written, so that one that has gone missing is noticed. `oddsmap.map_files.zarr_folder` is the folder
+itself; docs/formats.md lists every attribute.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
-from oddsmap.atomic_write import atomic_output
 from oddsmap.config.config import Config
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.tiles import TileStore
-from oddsmap.kernels.units import MAX_UNITS, ONE, PASSES
+from oddsmap.evidence.tiles import HEAVIEST, TileStore
+from oddsmap.kernels.units import ONE, PASSES
+from oddsmap.map_files.zarr_folder import (
+    EVIDENCE_MAP,
+    FORMAT_VERSION,
+    FULL_MAP,
+    SHARD,
+    format_of,
+    new_folder,
+)
+from oddsmap.map_files.zarr_header import (
+    Header,
+    check_equal,
+    check_place,
+    read_header,
+    whole_numbers,
+)
+from oddsmap.map_files.zarr_shards import SavedShards
+from oddsmap.map_files.zarr_snapshot import read_unchanged, settled
 
-if TYPE_CHECKING:
-    import zarr
-
-__all__ = ["CHUNK", "FORMAT_VERSION", "SHARD", "is_map", "read_map", "save_map", "shard_files"]
+__all__ = ["is_map", "read_map", "save_map"]
 
 E = TypeVar("E", bound=Evidence)
 
-FORMAT = "oddsmap evidence map"
-FORMAT_VERSION = 1
-
-
-# Side of a chunk (the unit of compression) and of a shard (one file) [cells].
-CHUNK = {2: 128, 3: 32}
-SHARD = {2: 1024, 3: 128}
-_AXES = ("z", "y", "x")
 _VOTES = {
     "hits": "weight of the readings that ended in the cell [weight_unit votes]",
     "passes": "weight of the readings that went through it [weight_unit votes]",
@@ -55,7 +60,7 @@ _LENGTHS = {"lengths": "length of the beams inside the cell [weight_unit sides o
 
 def is_map(path: str | os.PathLike[str]) -> bool:
     """Whether a path looks like a saved map: a Zarr folder with hits and passes."""
-    folder = Path(path)
+    folder = settled(Path(path))
     return (folder / "zarr.json").is_file() and (folder / "hits").is_dir()
 
 
@@ -65,42 +70,28 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
     Args:
         evidence: the map.
         path: folder to make, by custom with the suffix .zarr.
-        force: True if an existing one may be replaced.
+        force: True if an existing map may be replaced.
 
     Raises:
-        OutputError: it exists and `force` is False, or cannot be written.
+        OutputError: it exists and `force` is False, or is no map, or cannot be written.
     """
-    import zarr
-
     d = evidence.ndim
     shard = SHARD[d]
     bounds = evidence.bounds()
     lo, hi = bounds if bounds is not None else (np.zeros(d, np.int64), np.ones(d, np.int64))
     first = lo // shard * shard
-    shape = (-(-hi // shard) * shard - first)[::-1]
+    shape = tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
     stored: list[tuple[TileStore, slice, dict[str, str]]] = [(evidence.tiles, slice(0, 2), _VOTES)]
     if evidence.lengths is not None:
         stored.append((evidence.lengths, slice(PASSES, PASSES + 1), _LENGTHS))
-    with atomic_output(Path(path), force=force) as part:
-        root = zarr.open_group(part, mode="w", zarr_format=3)
-        written: dict[str, list[list[int]]] = {}
+    with new_folder(Path(path), shape, force=force) as folder:
         for tiles, channels, texts in stored:
             max_units, whole = _largest(tiles)
             unit = ONE if whole else 1
-            dtype = np.dtype(
-                np.min_scalar_type(max_units // unit).str
-            )  # by name: Zarr knows one uint64
+            # By name: Zarr knows one uint64.
+            dtype = np.dtype(np.min_scalar_type(max_units // unit).str)
             arrays = [
-                root.create_array(
-                    name,
-                    shape=tuple(int(n) for n in shape),
-                    chunks=(CHUNK[d],) * d,
-                    shards=(shard,) * d,
-                    dtype=dtype,
-                    fill_value=0,
-                    dimension_names=_AXES[-d:],
-                    attributes={"description": text, "weight_unit": unit / ONE},
-                )
+                folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
                 for name, text in texts.items()
             ]
             for begin in _shards_of(tiles, shard, lo, hi):
@@ -109,13 +100,12 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
                 where = tuple(slice(int(a), int(a) + shard) for a in at)
                 for array, units in zip(arrays, weights, strict=True):
                     array[where] = (units // unit).astype(dtype)
-            written |= {name: shard_files(part, name, d) for name in texts}
-        root.attrs.update({**_attributes(evidence, first, lo, hi), "shards": written})
+        folder.seal(_attributes(evidence, first, lo, hi))
 
 
 def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray) -> dict[str, Any]:
     return {
-        "format": FORMAT,
+        "format": EVIDENCE_MAP,
         "format_version": FORMAT_VERSION,
         "resolution": evidence.resolution,
         "origin": [float(i) * evidence.resolution for i in first],
@@ -157,47 +147,12 @@ def read_map(
     hi: npt.ArrayLike | None = None,
 ) -> E:
     """Read evidence that `save_map` wrote, as that class: see `oddsmap.load_map`."""
-    import zarr
-
-    if not is_map(path):
-        if (Path(path) / "zarr.json").is_file() and (Path(path) / "log_odds").is_dir():
-            raise InputError(
-                f"{path}: a full map, which has no hits and passes: read it with "
-                "oddsmap.load_full_map"
-            )
-        if not Path(path).exists():
-            raise InputError(f"{path}: no such file or folder")
-        raise InputError(
-            f"{path}: not a saved map (a Zarr folder with hits and passes, as oddsmap build makes)"
-        )
-    try:
-        root = zarr.open_group(Path(path), mode="r")
-        attributes = dict(root.attrs)
-        evidence, first = _empty_map(path, kind, attributes)
-        d = evidence.ndim
-        box_lo = np.asarray(lo, np.int64) if lo is not None else None
-        box_hi = np.asarray(hi, np.int64) if hi is not None else None
-        if any(box is not None and box.shape != (d,) for box in (box_lo, box_hi)):
-            raise InputError(f"{path}: a box needs {d} indices each, got lo {lo!r} and hi {hi!r}")
-        stored = [(evidence.tiles, tuple(_VOTES))]
-        if evidence.lengths is not None:
-            stored.append((evidence.lengths, tuple(_LENGTHS)))
-        for tiles, names in stored:
-            for begin in _stored_shards(root, Path(path), names, first, d):
-                end = begin + _shard_side(root)
-                if box_lo is not None and (end <= box_lo).any():
-                    continue
-                if box_hi is not None and (begin >= box_hi).any():
-                    continue
-                _add_shard(tiles, root, names, begin, end, first)
-    except (
-        OSError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, RuntimeError,
-    ) as error:  # fmt: skip
-        if isinstance(error, InputError | ConfigError):
-            raise
-        raise InputError(f"{path}: damaged, cannot be read as a map: {error}") from None
+    box_lo = np.asarray(lo, np.int64) if lo is not None else None
+    box_hi = np.asarray(hi, np.int64) if hi is not None else None
+    evidence = read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
     if box_lo is not None or box_hi is not None:
-        low, high = evidence.bounds() or (np.zeros(d, np.int64), np.zeros(d, np.int64))
+        nothing = np.zeros(evidence.ndim, np.int64)
+        low, high = evidence.bounds() or (nothing, nothing)
         # An open side lies where the cells end, or at the other side where there are none.
         if box_lo is None:
             box_lo = low if box_hi is None else np.minimum(low, box_hi)
@@ -205,20 +160,42 @@ def read_map(
     return evidence
 
 
-def _empty_map(
-    path: str | os.PathLike[str], kind: type[E], attributes: dict[str, Any]
-) -> tuple[E, IntArray]:
-    if attributes.get("format") != FORMAT:
-        raise InputError(f"{path}: a Zarr folder, but not one of oddsmap (attribute format)")
-    version = attributes.get("format_version")
-    if version != FORMAT_VERSION:
+def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -> E:
+    if format_of(path) == FULL_MAP:
         raise InputError(
-            f"{path}: format version {version}, this oddsmap reads {FORMAT_VERSION}: update oddsmap"
+            f"{path}: a full map, which has no hits and passes: read it with oddsmap.load_full_map"
         )
+    if not is_map(path):
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder")
+        raise InputError(
+            f"{path}: not a saved map (a Zarr folder with hits and passes, as oddsmap build makes)"
+        )
+    header = read_header(path, EVIDENCE_MAP)
+    evidence = _empty_map(path, kind, header)
+    d = evidence.ndim
+    if any(box is not None and box.shape != (d,) for box in (lo, hi)):
+        raise InputError(f"{path}: a box needs {d} indices each, got lo {lo} and hi {hi}")
+    stored = [(evidence.tiles, tuple(_VOTES))]
+    if evidence.lengths is not None:
+        stored.append((evidence.lengths, tuple(_LENGTHS)))
+    shards = SavedShards(path, header)
+    for tiles, names in stored:
+        for place in shards.places(names):
+            begin = np.array(place[::-1], np.int64) * SHARD[d] + header.origin_cell
+            if lo is not None and (begin + SHARD[d] <= lo).any():
+                continue
+            if hi is not None and (begin >= hi).any():
+                continue
+            weights = [_units(shards.read(name, place), header, name) for name in names]
+            _add_shard(tiles, weights, begin)
+    return evidence
+
+
+def _empty_map(path: Path, kind: type[E], header: Header) -> E:
+    attributes = header.attributes
     config = Config.from_dict(attributes["config"], str(path))
-    first = np.array(attributes["origin_cell"], np.int64)
-    if first.shape not in ((2,), (3,)):
-        raise ValueError("attribute origin_cell needs 2 or 3 indices")
+    _check(header, config)
     evidence = kind(
         config.map.resolution,
         votes=config.map.votes,
@@ -227,82 +204,65 @@ def _empty_map(
         path_lengths=config.map.path_lengths,
         sensor=config.sensor,
         posterior=config.posterior,
-        ndim=len(first),
+        ndim=len(header.shape),
     )
     evidence.provenance = list(attributes["provenance"])
-    return evidence, first
+    return evidence
 
 
-def _array(root: zarr.Group, name: str) -> zarr.Array[Any]:
-    import zarr
-
-    array = root[name]
-    if not isinstance(array, zarr.Array):
-        raise ValueError(f"{name} is not an array")
-    return array
-
-
-def _shard_side(root: zarr.Group) -> int:
-    array = _array(root, "hits")
-    return int((array.shards or array.chunks)[0])
-
-
-def shard_files(path: Path, name: str, d: int) -> list[list[int]]:
-    """Place of each file of an array, in shards, z and y before x; an empty file counts as none."""
-    folder = path / name / "c"
-    files = (file for file in folder.glob("/".join("*" * d)) if file.stat().st_size)
-    return sorted([int(part) for part in file.relative_to(folder).parts] for file in files)
-
-
-def _stored_shards(
-    root: zarr.Group, path: Path, names: tuple[str, ...], first: IntArray, d: int
-) -> Iterator[IntArray]:
-    # The files that exist: a map may span far more shards than were ever written.
-    side = _shard_side(root)
-    written: Any = root.attrs["shards"]
-    found: set[tuple[int, ...]] = set()
-    for name in names:
-        files = {tuple(place) for place in shard_files(path, name, d)}
-        # To Zarr a missing file is a shard of zeros; here it would be evidence lost silently.
-        missing = [place for place in written[name] if tuple(place) not in files]
-        if missing:
-            raise ValueError(f"{name}/c/{'/'.join(map(str, missing[0]))} is missing or empty")
-        found |= files
-    for indices in sorted(found):
-        yield np.array(indices[::-1], np.int64) * side + first
-
-
-def _add_shard(
-    tiles: TileStore,
-    root: zarr.Group,
-    names: tuple[str, ...],
-    begin: IntArray,
-    end: IntArray,
-    first: IntArray,
-) -> None:
-    d, side = tiles.ndim, tiles.side
-    cut = tuple(
-        slice(int(a), int(b))
-        for a, b in zip((begin - first)[::-1], (end - first)[::-1], strict=True)
+def _check(header: Header, config: Config) -> None:
+    """Refuse a map that contradicts itself."""
+    check_place(header, config.map.resolution)
+    check_equal(header.attributes, "votes", config.map.votes)
+    expected = {*_VOTES, *(_LENGTHS if config.map.path_lengths else ())}
+    if set(header.arrays) != expected:
+        raise ValueError(
+            f"it has the arrays {', '.join(header.arrays)}, and its configuration needs "
+            f"{', '.join(sorted(expected))}"
+        )
+    for name, array in header.arrays.items():
+        if array.dtype.kind != "u":
+            raise ValueError(f"{name} holds {array.dtype}, which are no counts")
+        if array.fill_value != 0:
+            raise ValueError(f"{name} has the fill value {array.fill_value}, and 0 is no evidence")
+        _unit_of(array.attributes, name)
+    votes = [header.arrays[name] for name in _VOTES]
+    if len({(each.dtype, each.attributes["weight_unit"]) for each in votes}) > 1:
+        raise ValueError("hits and passes are stored in different units")
+    lo, hi = (whole_numbers(header.attributes, f"known_cells_{end}") for end in ("lo", "hi"))
+    begin = header.origin_cell.tolist()
+    inside = len(lo) == len(hi) == len(begin) and all(
+        a <= b < c <= a + n for a, b, c, n in zip(begin, lo, hi, header.shape[::-1], strict=True)
     )
-    weights = []
-    for name in names:
-        array = _array(root, name)
-        unit = round(float(str(array.attrs["weight_unit"])) * ONE)
-        stored = np.asarray(array[cut])
-        if (
-            stored.dtype.kind not in "ui"
-            or not 0 <= stored.min() <= stored.max() <= MAX_UNITS // unit
-        ):
-            raise ValueError(f"{name} holds weights that are not counts of 0 to 2^46 votes")
-        weights.append(stored.astype(np.int64) * unit)
+    if not inside:
+        raise ValueError(f"known cells {lo} to {hi} lie outside the arrays, which begin at {begin}")
+
+
+def _unit_of(attributes: Mapping[str, Any], name: str) -> int:
+    """Units in one count of an array."""
+    unit = attributes["weight_unit"]
+    if isinstance(unit, bool) or unit not in (1.0, 1 / ONE):
+        raise ValueError(f"{name} has weight_unit {unit!r:.40}, which is 1.0 or 1/{ONE}")
+    return round(unit * ONE)
+
+
+def _units(stored: npt.NDArray[Any], header: Header, name: str) -> IntArray:
+    unit = _unit_of(header.arrays[name].attributes, name)
+    if stored.max() > HEAVIEST // unit:
+        raise ValueError(f"{name} holds weights that are not counts of 0 to 2^46 votes")
+    return stored.astype(np.int64) * unit
+
+
+def _add_shard(tiles: TileStore, weights: list[IntArray], begin: IntArray) -> None:
+    """Fill the tiles of a shard that begins at a cell with what is stored of it."""
+    d, side = tiles.ndim, tiles.side
     if len(weights) == 1:  # lengths are stored in place of passes
-        weights.insert(0, np.zeros_like(weights[0]))
+        weights = [np.zeros_like(weights[0]), *weights]
     # Seen as tiles: (ty, side, tx, side) becomes (ty, tx, side, side), one row per tile.
-    count = int(end[0] - begin[0]) // side
+    count = SHARD[d] // side
     blocks = np.stack(weights).reshape(2, *(count, side) * d)
     order = [1 + 2 * axis for axis in range(d)] + [0] + [2 + 2 * axis for axis in range(d)]
     units = blocks.transpose(order).reshape(count**d, 2, side**d)
     used = np.flatnonzero(units.any(axis=(1, 2)))
     coords = np.stack(np.unravel_index(used, (count,) * d)[::-1], axis=1) + begin // side
-    tiles.add(coords, units[used])
+    tiles.fill(coords, units[used])

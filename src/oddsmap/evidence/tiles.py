@@ -33,7 +33,10 @@ from oddsmap.kernels.vote.tiles import (
 )
 from oddsmap.limits import memory_limit
 
-__all__ = ["Census", "TileStore"]
+__all__ = ["HEAVIEST", "Census", "TileStore"]
+
+HEAVIEST = MAX_UNITS + (255 << FRACTION_BITS)
+"""The most units of a cell: 255 whole votes are counted apart before the limit is looked at."""
 
 
 # Slots of an empty hash table, a power of two.
@@ -299,6 +302,18 @@ class TileStore:
             MapTooLargeError: a cell's weight might pass 2^62 units; nothing has been added.
         """
         self._check_sum(int(units.max(initial=0)))
+        self.fill(coords, units)
+
+    def fill(self, coords: IntArray, units: IntArray) -> None:
+        """As `add`, without looking at the limit: for tiles of which there are none yet.
+
+        Args:
+            coords: as in `add`.
+            units: likewise, none above `HEAVIEST`.
+
+        Raises:
+            MapTooLargeError: no memory for the tiles; nothing has been added.
+        """
         self.reserve(len(coords), len(coords))
         add_tiles(self.arrays, np.ascontiguousarray(coords), np.ascontiguousarray(units))
 
@@ -318,6 +333,8 @@ class TileStore:
             )
 
     def _max_weight(self) -> int:
+        if self.count == 0:
+            return 0
         # An upper bound is enough here, and cheap: the narrow level holds at most 255 votes.
         wide = self.arrays.wide[: int(self.arrays.counts[WIDE_COUNT])]
         return (int(wide.max()) if wide.size else 0) + (255 << FRACTION_BITS)

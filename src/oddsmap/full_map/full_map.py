@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 from typing import Any
@@ -106,7 +105,7 @@ class FullMap(Belief):
     @property
     def prior_log_odds(self) -> float:
         """Log odds of a cell that no beam lists, as they are stored: in float32."""
-        return float(np.float32(math.log(self.prior / (1.0 - self.prior))))
+        return self.config.full_map.log_odds_in(self.ndim)
 
     @property
     def cell_count(self) -> int:
@@ -161,13 +160,7 @@ class FullMap(Belief):
             self.residual,
             self.provenance,
         )
-        save_full_map(
-            fields,
-            path,
-            prior_log_odds=self.prior_log_odds,
-            converged=self.converged,
-            force=force,
-        )
+        save_full_map(fields, path, converged=self.converged, force=force)
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the cells inside cones: see `oddsmap.map_files.npz.save_npz`; there are no counts.

@@ -7,6 +7,7 @@ to whole shards; empty shards are not written. Where nothing is written `log_odd
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,21 +16,25 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
-from oddsmap.atomic_write import atomic_output
 from oddsmap.config.config import Config
-from oddsmap.errors import ConfigError, InputError
-from oddsmap.evidence.store import CHUNK, SHARD, shard_files
+from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.full_map.blocks import dense_box
-from oddsmap.limits import TILE_SIDE
+from oddsmap.kernels.infer.cell_status import REACHED
+from oddsmap.limits import TILE_SIDE, memory_limit
+from oddsmap.map_files.zarr_folder import FORMAT_VERSION, FULL_MAP, SHARD, new_folder
+from oddsmap.map_files.zarr_header import Header, check_place, read_header
+from oddsmap.map_files.zarr_shards import SavedShards
+from oddsmap.map_files.zarr_snapshot import read_unchanged, settled
 
 __all__ = ["FullMapFields", "is_full_map", "read_full_map", "save_full_map"]
 
-FORMAT = "oddsmap full map"
-FORMAT_VERSION = 1
-
-
-_ARRAYS = ("log_odds", "marks")
-_AXES = ("z", "y", "x")
+_TYPES = {"log_odds": "float32", "marks": "uint8"}
+_TEXTS = {
+    "log_odds": "log odds of occupancy [nats]",
+    "marks": "2 where a beam has reached the cell, 1 where one was stopped",
+}
+# The logarithm's last digit is the C library's own.
+_SAME = 1e-6
 
 
 class FullMapFields(NamedTuple):
@@ -46,7 +51,7 @@ class FullMapFields(NamedTuple):
 
 def is_full_map(path: str | os.PathLike[str]) -> bool:
     """Whether a path looks like a saved full map: a Zarr folder with log odds."""
-    folder = Path(path)
+    folder = settled(Path(path))
     return (folder / "zarr.json").is_file() and (folder / "log_odds").is_dir()
 
 
@@ -54,7 +59,6 @@ def save_full_map(
     full_map: FullMapFields,
     path: str | os.PathLike[str],
     *,
-    prior_log_odds: float,
     converged: bool,
     force: bool = False,
 ) -> None:
@@ -63,15 +67,12 @@ def save_full_map(
     Args:
         full_map: what there is to store.
         path: folder to make, by custom with the suffix .zarr.
-        prior_log_odds: of a cell that no beam lists.
         converged: see `FullMap`.
-        force: True where an existing one may be replaced.
+        force: True where an existing map may be replaced.
 
     Raises:
-        OutputError: it exists and `force` is False, or cannot be written.
+        OutputError: it exists and `force` is False, or is no map, or cannot be written.
     """
-    import zarr
-
     d = full_map.blocks.shape[1]
     side, shard, resolution = TILE_SIDE[d], SHARD[d], full_map.config.map.resolution
     # Of each block, in shards: a shard's side is a multiple of a block's. A map without cells, of
@@ -80,42 +81,23 @@ def save_full_map(
     begin = begin if len(begin) else np.zeros((1, d), np.int64)
     lo, hi = begin.min(axis=0) * shard, (begin.max(axis=0) + 1) * shard
     shape = tuple(int(n) for n in (hi - lo)[::-1])
-    with atomic_output(Path(path), force=force) as part:
-        root = zarr.open_group(part, mode="w", zarr_format=3)
-        arrays = [
-            root.create_array(
-                name,
-                shape=shape,
-                chunks=(CHUNK[d],) * d,
-                shards=(shard,) * d,
-                dtype=dtype,
-                fill_value=fill,
-                dimension_names=_AXES[-d:],
-                attributes={"description": text},
-            )
-            for name, dtype, fill, text in (
-                ("log_odds", "float32", prior_log_odds, "log odds of occupancy [nats]"),
-                (
-                    "marks",
-                    "uint8",
-                    0,
-                    "2 where a beam has reached the cell, 1 where one was stopped",
-                ),
-            )
-        ]
+    fills = _fills(full_map.config, d)
+    with new_folder(Path(path), shape, force=force) as folder:
+        arrays = {
+            name: folder.create(name, dtype, fills[name], {"description": _TEXTS[name]})
+            for name, dtype in _TYPES.items()
+        }
+        cells = {"log_odds": full_map.values, "marks": full_map.marks}
         for place in np.unique(begin, axis=0):
             first = place * shard
             box = (first, first + shard)
-            values = [
-                dense_box(full_map.blocks, side, cells, fill, *box)
-                for cells, fill in ((full_map.values, prior_log_odds), (full_map.marks, 0))
-            ]
             where = tuple(slice(int(a), int(a) + shard) for a in (first - lo)[::-1])
-            for array, value in zip(arrays, values, strict=True):
+            for name, array in arrays.items():
+                value = dense_box(full_map.blocks, side, cells[name], fills[name], *box)
                 array[where] = value.astype(array.dtype)
-        root.attrs.update(
+        folder.seal(
             {
-                "format": FORMAT,
+                "format": FULL_MAP,
                 "format_version": FORMAT_VERSION,
                 "resolution": resolution,
                 "origin": [float(i) * resolution for i in lo],
@@ -125,69 +107,80 @@ def save_full_map(
                 "converged": converged,
                 "config": full_map.config.to_dict(),
                 "provenance": full_map.provenance,
-                "shards": {name: shard_files(part, name, d) for name in _ARRAYS},
             }
         )
 
 
+def _fills(config: Config, d: int) -> dict[str, float]:
+    """What a cell is that is in no shard."""
+    return {"log_odds": config.full_map.log_odds_in(d), "marks": 0}
+
+
 def read_full_map(path: str | os.PathLike[str]) -> FullMapFields:
     """Read what `save_full_map` wrote: see `oddsmap.load_full_map`."""
-    import zarr
+    return read_unchanged(Path(path), lambda: _read(Path(path)))
 
+
+def _read(path: Path) -> FullMapFields:
     if not is_full_map(path):
         raise InputError(f"{path}: not a saved full map (a Zarr folder with log_odds)")
-    try:
-        root = zarr.open_group(Path(path), mode="r")
-        return _load(path, root, dict(root.attrs))
-    except (
-        OSError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, RuntimeError,
-    ) as error:  # fmt: skip
-        if isinstance(error, InputError | ConfigError):
-            raise
-        raise InputError(f"{path}: damaged, cannot be read as a map: {error}") from None
-
-
-def _load(path: str | os.PathLike[str], root: Any, attributes: dict[str, Any]) -> FullMapFields:
-    if attributes.get("format") != FORMAT:
-        raise InputError(f"{path}: a Zarr folder, but not one of oddsmap (attribute format)")
-    version = attributes.get("format_version")
-    if version != FORMAT_VERSION:
-        raise InputError(
-            f"{path}: format version {version}, this oddsmap reads {FORMAT_VERSION}: update oddsmap"
-        )
+    header = read_header(path, FULL_MAP)
+    attributes = header.attributes
     config = Config.from_dict(attributes["config"], str(path))
-    lo = np.array(attributes["origin_cell"], np.int64)
-    d = len(lo)
-    side = TILE_SIDE[d]
-    shard = int(root["log_odds"].shards[0])
+    _check(header, config)
+    d = len(header.shape)
+    side, shard = TILE_SIDE[d], SHARD[d]
+    prior = np.float32(header.arrays["log_odds"].fill_value)
     coords, values, seen = [], [], []
-    prior = np.float32(root["log_odds"].fill_value)
-    written = {name: {tuple(p) for p in attributes["shards"][name]} for name in _ARRAYS}
-    for name in _ARRAYS:
-        missing = written[name] - {tuple(p) for p in shard_files(Path(path), name, d)}
-        if missing:
-            raise ValueError(f"{name}/c/{'/'.join(map(str, min(missing)))} is missing or empty")
-    for place in sorted(written["log_odds"] | written["marks"]):
-        first = np.array(place[::-1], np.int64) * shard
-        where = tuple(slice(int(a), int(a) + shard) for a in first[::-1])
-        log_odds = _tiles(np.asarray(root["log_odds"][where]), side)
-        marks = _tiles(np.asarray(root["marks"][where]), side)
+    shards, taken, limit = SavedShards(path, header), 0, memory_limit()
+    for place in shards.places(_TYPES):
+        cells = {name: _tiles(shards.read(name, place), side) for name in _TYPES}
+        log_odds, marks = cells["log_odds"], cells["marks"]
+        if not np.isfinite(log_odds).all():
+            raise ValueError("log_odds holds values that are no numbers")
+        if marks.max() > REACHED:
+            raise ValueError(f"marks holds {marks.max()}, and marks are 0, 1 or 2")
         used = np.flatnonzero((log_odds != prior).any(axis=1) | marks.any(axis=1))
-        count = shard // side
-        at = np.stack(np.unravel_index(used, (count,) * d)[::-1], axis=1)
-        coords.append(at + (first + lo) // side)
-        values.append(log_odds[used].astype(np.float32))
-        seen.append(marks[used].astype(np.uint8))
-    cells = side**d
+        at = np.stack(np.unravel_index(used, (shard // side,) * d)[::-1], axis=1)
+        begin = np.array(place[::-1], np.int64) * shard + header.origin_cell
+        coords.append(at + begin // side)
+        values.append(log_odds[used])
+        seen.append(marks[used])
+        taken += coords[-1].nbytes + values[-1].nbytes + seen[-1].nbytes
+        if 2 * taken > limit:  # they lie side by side with what is made of them
+            raise MapTooLargeError(
+                f"{path}: more than {taken / 1e9:.1f} GB of cells, and this machine's memory of "
+                f"{limit / 1e9:.1f} GB would not hold them twice"
+            )
     return FullMapFields(
         config,
         np.concatenate([np.empty((0, d), np.int64), *coords]),
-        np.concatenate([np.empty((0, cells), np.float32), *values]),
-        np.concatenate([np.empty((0, cells), np.uint8), *seen]),
+        np.concatenate([np.empty((0, side**d), np.float32), *values]),
+        np.concatenate([np.empty((0, side**d), np.uint8), *seen]),
         sweeps=int(attributes["sweeps"]),
         residual=float(attributes["residual"]),
         provenance=list(attributes["provenance"]),
     )
+
+
+def _check(header: Header, config: Config) -> None:
+    """Refuse a map that contradicts itself."""
+    check_place(header, config.map.resolution)
+    if set(header.arrays) != set(_TYPES):
+        raise ValueError(f"a full map has {' and '.join(_TYPES)}, not {', '.join(header.arrays)}")
+    for name, fill in _fills(config, len(header.shape)).items():
+        array = header.arrays[name]
+        if array.dtype != np.dtype(_TYPES[name]):
+            raise ValueError(f"{name} holds {array.dtype}, not {_TYPES[name]}")
+        if not math.isclose(array.fill_value, fill, rel_tol=_SAME, abs_tol=_SAME):
+            raise ValueError(
+                f"{name} has the fill value {array.fill_value}, and its configuration says {fill}"
+            )
+    sweeps, residual = header.attributes["sweeps"], header.attributes["residual"]
+    if type(sweeps) is not int or sweeps < 0:
+        raise ValueError(f"attribute sweeps is {sweeps!r:.40}")
+    if type(residual) not in (int, float) or not residual >= 0:
+        raise ValueError(f"attribute residual is {residual!r:.40}")
 
 
 def _tiles(box: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:

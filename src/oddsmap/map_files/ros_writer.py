@@ -19,7 +19,7 @@ from typing import get_args
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic_write import atomic_output, check_output
+from oddsmap.atomic_write import atomic_outputs, check_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.map_files.fields import Grid
 from oddsmap.map_files.ros_reader import RosMode, read_greys
@@ -78,7 +78,7 @@ def save_ros(
     _check_grid(grid, path)
     grey = _greys(grid, mode, limits)[::-1]  # the top row of the image is the highest y
     # Both are complete before either takes its place, the image first: a YAML never lacks it.
-    with atomic_output(path, force=force) as yaml_part, atomic_output(image, force=force) as part:
+    with atomic_outputs(image, path, force=force) as (part, yaml_part):
         yaml_part.write_text(_yaml(grid, image.name, mode, limits), encoding="utf-8")
         if mode == "scale":
             _write_png(part, grey, grid.observed[::-1])

@@ -1,0 +1,16 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writing that leaves the old file or folder, the new one or none, never a half.
+
+`output.py` is the whole way; `work_folder.py` is where the new one is made, and how what a killed
+run left of it is found; `swap.py` puts it in place; `sync.py` sees to it that it is on the disk.
+"""
+
+from oddsmap.atomic_write.output import (
+    atomic_output,
+    atomic_outputs,
+    check_output,
+    why_no_file,
+)
+from oddsmap.atomic_write.work_folder import put_back
+
+__all__ = ["atomic_output", "atomic_outputs", "check_output", "put_back", "why_no_file"]

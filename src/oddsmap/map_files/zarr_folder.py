@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder that maps are saved in: which files there are, and what seals them.
+
+A plain Zarr group, format 3, with sharded arrays that cover one box of cells; any Zarr reader opens
+it. Every save has an id, `save`, in the group and in each array; `digest` covers what the group
+says of the map and what Zarr knows of the arrays. The bytes of the cells have checksums of their
+own: zstd's in each chunk, CRC-32C in each shard's index. docs/formats.md has it all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import secrets
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from oddsmap.atomic_write import atomic_output, check_output
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    import zarr
+
+__all__ = [
+    "ARRAYS",
+    "CHUNK",
+    "EVIDENCE_MAP",
+    "FORMAT_VERSION",
+    "FULL_MAP",
+    "SHARD",
+    "NewFolder",
+    "check_map_output",
+    "digest_of",
+    "format_of",
+    "new_folder",
+    "read_json",
+    "shard_files",
+]
+
+EVIDENCE_MAP = "oddsmap evidence map"
+FULL_MAP = "oddsmap full map"
+FORMAT_VERSION = 1
+
+ARRAYS = {EVIDENCE_MAP: ("hits", "passes", "lengths"), FULL_MAP: ("log_odds", "marks")}
+"""Names of the arrays of each kind of map."""
+CHUNK = {2: 128, 3: 32}
+"""Side of a chunk [cells], the unit of compression."""
+SHARD = {2: 1024, 3: 128}
+"""Side of a shard [cells], which is one file."""
+_AXES = ("z", "y", "x")
+
+# What `digest` covers. Other attributes are other people's.
+_OF_GROUP = (
+    "format", "format_version", "resolution", "origin", "origin_cell", "known_cells_lo",
+    "known_cells_hi", "votes", "sweeps", "residual", "converged", "config", "provenance", "shards",
+    "save",
+)  # fmt: skip
+_OF_ARRAY = ("description", "weight_unit", "save")
+_OF_ZARR = ("shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs")
+# A million shards are listed in 50 MB; more is no map's.
+_MAX_JSON = 1 << 26
+# What systems put into folders by themselves.
+_STRAY = {".DS_Store", "Thumbs.db", "desktop.ini"}
+
+
+class NewFolder:
+    """A map's folder that is being written.
+
+    Args:
+        path: the folder to make.
+        shape: of its arrays, whole shards, (ny, nx) or (nz, ny, nx).
+    """
+
+    def __init__(self, path: Path, shape: tuple[int, ...]) -> None:
+        import zarr
+
+        self.path, self.shape = path, shape
+        self.save = secrets.token_hex(16)
+        self._names: list[str] = []
+        self._root = zarr.open_group(path, mode="w", zarr_format=3)
+
+    def create(
+        self,
+        name: str,
+        dtype: npt.DTypeLike,
+        fill_value: float,
+        attributes: Mapping[str, object],
+    ) -> zarr.Array[Any]:
+        """Make an array; shards that are left empty are not written."""
+        from zarr.codecs import ZstdCodec
+
+        d = len(self.shape)
+        self._names.append(name)
+        return self._root.create_array(
+            name,
+            shape=self.shape,
+            chunks=(CHUNK[d],) * d,
+            shards=(SHARD[d],) * d,
+            dtype=dtype,
+            fill_value=fill_value,
+            compressors=ZstdCodec(checksum=True),
+            dimension_names=_AXES[-d:],
+            attributes={**attributes, "save": self.save},
+        )
+
+    def seal(self, attributes: Mapping[str, object]) -> None:
+        """Write the group's attributes once all shards are written."""
+        d = len(self.shape)
+        written = {name: shard_files(self.path, name, d) for name in self._names}
+        # As a reader will have them: a tuple is a list there.
+        own = json.loads(json.dumps({**attributes, "shards": written, "save": self.save}))
+        arrays = {name: read_json(self.path / name / "zarr.json") for name in self._names}
+        self._root.attrs.update({**own, "digest": digest_of(own, arrays)})
+
+
+@contextmanager
+def new_folder(path: Path, shape: tuple[int, ...], *, force: bool) -> Iterator[NewFolder]:
+    """Write a map; the old one stays in place until the new one is complete.
+
+    Args:
+        path: the folder to make.
+        shape: see `NewFolder`.
+        force: True if an existing map may be replaced.
+
+    Raises:
+        OutputError: see `check_map_output`; also where writing fails.
+    """
+    with atomic_output(path, force=force, why_not=_why_no_map) as part:
+        yield NewFolder(part, shape)
+
+
+def check_map_output(path: Path, *, force: bool = False) -> None:
+    """Refuse a map's folder before any work is done for it: see `atomic_write.check_output`.
+
+    Raises:
+        OutputError: it exists and `force` is False, it is no map of ours, or one with other
+            people's files in it, or its folder is missing or not writable.
+    """
+    check_output(path, force=force, why_not=_why_no_map)
+
+
+def _why_no_map(path: Path) -> str | None:
+    """Why a map does not take the place of what is there: the least that is not ours."""
+    if not path.is_dir():
+        empty = path.is_file() and path.stat().st_size == 0
+        return None if empty else "is a file, and a map is a folder"
+    if not any(path.iterdir()):
+        return None
+    kind = format_of(path)
+    if kind not in ARRAYS:
+        zarr = "a Zarr folder of another program" if (path / "zarr.json").exists() else "a folder"
+        return f"is {zarr} and no map of oddsmap"
+    for file in sorted(path.rglob("*")):
+        if file.is_dir() and not file.is_symlink():
+            continue
+        if not _is_part(file.relative_to(path).parts, ARRAYS[kind]):
+            return f"holds {file.relative_to(path)}, which is no part of the map"
+    return None
+
+
+def _is_part(parts: tuple[str, ...], arrays: tuple[str, ...]) -> bool:
+    name = parts[-1]
+    if name in _STRAY or name.endswith(".partial"):  # what a killed writer of Zarr leaves
+        return True
+    if parts == ("zarr.json",):
+        return True
+    if parts[0] not in arrays:
+        return False
+    return parts[1:] == ("zarr.json",) or (
+        len(parts) in (4, 5) and parts[1] == "c" and all(part.isdecimal() for part in parts[2:])
+    )
+
+
+def format_of(path: Path) -> str | None:
+    """What a folder says it is: its attribute `format`; None where it says nothing."""
+    try:
+        found = read_json(path / "zarr.json")["attributes"]["format"]
+    except (OSError, ValueError, LookupError, TypeError, RuntimeError):
+        return None
+    return found if isinstance(found, str) else None
+
+
+def read_json(file: Path) -> dict[str, Any]:
+    """Read one of Zarr's JSON files.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no JSON object, or too large for one.
+        RecursionError: it is nested too deeply.
+    """
+    if (size := file.stat().st_size) > _MAX_JSON:
+        raise ValueError(f"{file.name} of {size} bytes: no map's is as large")
+    content = json.loads(file.read_bytes())
+    if not isinstance(content, dict):
+        raise ValueError(f"{file.name} is not a JSON object")
+    return content
+
+
+def digest_of(attributes: Mapping[str, Any], arrays: Mapping[str, Mapping[str, Any]]) -> str:
+    """SHA-256 of what a map says of itself, in hexadecimal.
+
+    Args:
+        attributes: of the group.
+        arrays: the `zarr.json` of each array, by its name.
+    """
+    whole = {
+        "group": _chosen(attributes, _OF_GROUP),
+        "arrays": {
+            name: {
+                "zarr": _chosen(metadata, _OF_ZARR),
+                "attributes": _chosen(metadata.get("attributes", {}), _OF_ARRAY),
+            }
+            for name, metadata in arrays.items()
+        },
+    }
+    text = json.dumps(whole, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _chosen(values: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: values[name] for name in names if name in values}
+
+
+def shard_files(path: Path, name: str, d: int) -> list[list[int]]:
+    """Place of each file of an array, in shards, z and y before x; an empty file counts as none."""
+    folder = path / name / "c"
+    files = (
+        file.relative_to(folder).parts
+        for file in folder.glob("/".join("*" * d))
+        if file.stat().st_size
+    )
+    return sorted([int(p) for p in parts] for parts in files if all(p.isdecimal() for p in parts))
