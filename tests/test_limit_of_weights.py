@@ -122,7 +122,7 @@ def test_lengths_have_the_same_limit() -> None:
 
 
 def test_rescaling_keeps_to_the_limit() -> None:
-    for spare, fits in ((NARROW, True), (0, True), (-512, False)):  # doubles are 512 apart there
+    for spare, fits in ((NARROW, True), (0, True), (-1024, False)):  # doubles are 1024 apart there
         evidence = filled(MAX_UNITS - spare, half_life=1.0, t_ref_ns=0)
         if fits:
             assert votes_of(evidence.rescaled(0)) == votes_of(evidence)

@@ -105,6 +105,7 @@ def clear_dead(parent: Path) -> None:
             continue
         try:
             outputs = _outputs_of(folder)
+            begun = outputs or len(list(folder.iterdir())) > 1  # else its writer begins elsewhere
             finished, restored = _finish(folder, parent, outputs), _restore(folder, parent)
             _empty(folder)
         finally:
@@ -114,7 +115,7 @@ def clear_dead(parent: Path) -> None:
             _say(f"{parent / name}: a run was killed while it put its files in place; finished")
         for name in restored:
             _say(f"{parent / name}: a run was killed while it replaced it; the old one is back")
-        if not (finished or restored or folder.exists()):
+        if begun and not (finished or restored or folder.exists()):
             of = f", {' and '.join(outputs)}," if outputs else ""
             _say(f"{folder}: what a killed run left of its output{of} is removed")
 
