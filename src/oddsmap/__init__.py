@@ -12,10 +12,12 @@ every posterior is a view of it.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from oddsmap.version import __version__
 
+# As in `typing`, which would take most of the time of this import: Ctrl-C in these first
+# milliseconds would end a command in a traceback.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
     from oddsmap.config.full_map import FullMapConfig
     from oddsmap.errors import (

@@ -3,11 +3,26 @@
 
 from __future__ import annotations
 
-__all__ = ["main"]
+import sys
+
+__all__ = ["INTERRUPTED", "Interrupt", "main"]
+
+INTERRUPTED = "interrupted: each output is as it was, or new and complete"
+
+
+class Interrupt(BaseException):
+    """Ctrl-C. It is no KeyboardInterrupt: the parser of the command line would answer that."""
 
 
 def main() -> None:
-    """Run `oddsmap`; see `oddsmap.cli.app`."""
-    from oddsmap.cli.app import run
+    """Run `oddsmap`; see `oddsmap.cli.app`. Ctrl-C at any moment is one line and status 130."""
+    try:
+        from oddsmap.cli.interrupts import interruptible
 
-    run()
+        with interruptible():
+            from oddsmap.cli.app import run
+
+            run()
+    except (Interrupt, KeyboardInterrupt):
+        print(f"oddsmap: {INTERRUPTED}", file=sys.stderr)  # noqa: T201
+        sys.exit(130)

@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-import functools
 import sys
-from collections.abc import Callable
-from typing import TypeVar, cast
 
 import typer
 
@@ -40,36 +37,19 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
   oddsmap landmarks seen.csv -o trees.csv                       points in place of cells
 """
 
-Command = TypeVar("Command", bound=Callable[..., None])
-
-
-def _interruptible(command: Command) -> Command:
-    # Typer would answer Ctrl-C itself, with "Aborted!" and another exit status.
-    @functools.wraps(command)
-    def guarded(*args: object, **kwargs: object) -> None:
-        try:
-            command(*args, **kwargs)
-        except KeyboardInterrupt:
-            raise OddsmapError(
-                "interrupted: nothing new was written, what was there is as it was"
-            ) from None
-
-    return cast(Command, guarded)
-
-
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command(help=BUILD_HELP)(_interruptible(build))
-app.command(help=EXPORT_HELP)(_interruptible(export))
-app.command(help=INFO_HELP)(_interruptible(info))
-app.command(help=CALIBRATE_HELP)(_interruptible(calibrate))
-app.command(help=SCORE_HELP)(_interruptible(score))
-app.command(help=LANDMARKS_HELP)(_interruptible(landmarks))
-app.command()(_interruptible(demo))
+app.command(help=BUILD_HELP)(build)
+app.command(help=EXPORT_HELP)(export)
+app.command(help=INFO_HELP)(info)
+app.command(help=CALIBRATE_HELP)(calibrate)
+app.command(help=SCORE_HELP)(score)
+app.command(help=LANDMARKS_HELP)(landmarks)
+app.command()(demo)
 
 
 def _show_version(show: bool) -> None:
