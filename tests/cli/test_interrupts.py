@@ -49,9 +49,10 @@ main()
 @pytest.fixture(autouse=True)
 def heeded() -> Iterator[None]:
     """Ctrl-C as in a terminal, also where the tests run in the background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    before, hook = signal.signal(signal.SIGINT, signal.default_int_handler), sys.unraisablehook
     yield
     signal.signal(signal.SIGINT, before)
+    sys.unraisablehook = hook
 
 
 def interrupt() -> None:
@@ -129,7 +130,7 @@ def test_an_import_that_would_swallow_it_is_finished_first(
         "try:\n    signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    raise ImportError"
     )
     module(tmp_path, monkeypatch, text)
-    with pytest.raises(Interrupt), interruptible():
+    with pytest.raises(Interrupt), interruptible():  # noqa: PT012
         import stranger  # type: ignore[import-not-found]
 
         len("the next call")
@@ -152,11 +153,28 @@ def test_it_is_not_lost_where_nothing_can_be_raised(capsys: pytest.CaptureFixtur
         def __del__(self) -> None:
             interrupt()
 
-    with pytest.raises(Interrupt), interruptible():
+    with pytest.raises(Interrupt), interruptible():  # noqa: PT012
         dying = Dying()
         del dying
         len("the next call")
         pytest.fail("was not interrupted")
+    assert capsys.readouterr().err == ""
+
+
+def test_what_half_made_objects_say_of_their_end_is_not_shown(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class HalfMade:
+        def __init__(self) -> None:
+            interrupt()
+            self.handle = 1
+
+        def __del__(self) -> None:
+            str(self.handle)
+
+    with pytest.raises(Interrupt), interruptible():
+        HalfMade()
+    HalfMade.__new__(HalfMade)  # dies when all is over
     assert capsys.readouterr().err == ""
 
 

@@ -45,7 +45,8 @@ def interruptible() -> Iterator[None]:
         handler.check()
         raise
     except Interrupt:
-        afterwards = signal.SIG_IGN
+        # Now there is an end, and what half-made objects still have to say of theirs is nobody's.
+        afterwards, unraisable = signal.SIG_IGN, _say_nothing
         raise
     finally:
         sys.unraisablehook = unraisable
@@ -84,7 +85,8 @@ class _Handler:
     def give_again(self, unraisable: sys.UnraisableHookArgs) -> None:
         """Ctrl-C that came where nothing can be raised, as in `__del__`, comes a moment later."""
         if unraisable.exc_type is not Interrupt:
-            sys.__unraisablehook__(unraisable)
+            if not self._raised:
+                sys.__unraisablehook__(unraisable)
             return
         hook = sys._getframe()
         self._raise_when(lambda now: now is not hook)
@@ -112,6 +114,10 @@ class _Handler:
                 found = frame.f_back
             frame = frame.f_back
         return found
+
+
+def _say_nothing(unraisable: sys.UnraisableHookArgs) -> None:
+    pass
 
 
 def _imports(frame: FrameType) -> bool:
