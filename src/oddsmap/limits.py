@@ -5,7 +5,10 @@ from __future__ import annotations
 
 import os
 
-__all__ = ["MAX_COORDINATE", "TILE_SIDE", "memory_limit"]
+__all__ = ["MAX_COORDINATE", "TILE_SIDE", "TOO_LONG", "memory_limit"]
+
+TOO_LONG = "use a coarser resolution, or range_max where a reading is too long"
+"""What to do where one scan spans more than can be held."""
 
 # Beyond this many cells from the map's origin no precision is left within a cell.
 MAX_COORDINATE = float(1 << 45)

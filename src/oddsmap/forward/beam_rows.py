@@ -49,8 +49,8 @@ def list_rows(field: CellField, beams: Beams, model: ForwardModel, resolution: f
         )  # fmt: skip
     if model.bin_count(resolution) > np.iinfo(np.uint16).max:
         raise MapTooLargeError(
-            f"a beam has {model.bin_count(resolution)} range bins: use a coarser resolution, or a "
-            "lower range_max"
+            f"a beam of {model.range_max:g} m has {model.bin_count(resolution):,} range bins: use "
+            "a coarser resolution, or a lower range_max"
         )
     offsets = [np.zeros(1, np.int64)]
     cells: list[npt.NDArray[np.int32]] = []

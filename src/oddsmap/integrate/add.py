@@ -14,7 +14,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.threads import WorkerPool
 from oddsmap.integrate.toy_map import compile_kernels
@@ -44,11 +44,14 @@ def add_log(
     log's scans, if reading them has already begun.
     """
     source = log if scans is None else scans
-    report = add_scans(
-        evidence, source, sensor=sensor, method=method, threads=threads, progress=progress
-    )
-    report.skipped = Counter(getattr(log, "skipped", Counter())) + report.skipped
     path = getattr(log, "path", None)
+    try:
+        report = add_scans(
+            evidence, source, sensor=sensor, method=method, threads=threads, progress=progress
+        )
+    except MapTooLargeError as error:
+        raise MapTooLargeError(f"{path}: {error}" if path else str(error)) from None
+    report.skipped = Counter(getattr(log, "skipped", Counter())) + report.skipped
     if report.scans == 0:
         reasons = ", ".join(f"{n} x {why}" for why, n in report.skipped.most_common())
         raise InputError(

@@ -11,7 +11,7 @@ from oddsmap.array_types import IntArray
 from oddsmap.errors import MapTooLargeError
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.vote.cell_votes import apply_counts
-from oddsmap.limits import memory_limit
+from oddsmap.limits import TOO_LONG, memory_limit
 
 __all__ = ["CellWindow"]
 
@@ -62,8 +62,7 @@ class CellWindow:
         if 4 * blocks > memory_limit():
             raise MapTooLargeError(
                 f"one scan spans {blocks * float(self.tiles.side) ** len(shape):.1e} cells of "
-                f"{self._resolution:g} m: use a coarser resolution, or range_max where a reading "
-                "is too long"
+                f"{self._resolution:g} m: {TOO_LONG}"
             )
         if len(self.table) < blocks:
             self.table = np.zeros(int(blocks), np.int32)

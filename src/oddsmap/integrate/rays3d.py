@@ -29,7 +29,7 @@ from oddsmap.kernels.vote.rays3d import (
     mark_passes,
     sort_rays,
 )
-from oddsmap.limits import MAX_COORDINATE, memory_limit
+from oddsmap.limits import MAX_COORDINATE, TOO_LONG, memory_limit
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import RaySensor
 
@@ -237,8 +237,8 @@ def _new_table(blocks: int) -> npt.NDArray[np.int32]:
         return np.zeros(blocks, np.int32)
     except MemoryError:
         raise MapTooLargeError(
-            f"no memory for the {blocks:.1e} blocks around one scan ({4e-9 * blocks:.1f} GB): use "
-            "a coarser resolution, or range_max where a reading is too long"
+            f"no memory for the {blocks:.1e} blocks around one scan ({4e-9 * blocks:.1f} GB): "
+            f"{TOO_LONG}"
         ) from None
 
 

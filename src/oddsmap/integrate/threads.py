@@ -14,9 +14,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
+from oddsmap.errors import MapTooLargeError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.forgetting import by_weight
 from oddsmap.integrate.integrator import Counts, Integrator, make_integrators
+from oddsmap.integrate.long_readings import with_readings
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.registry import Sensor
 
@@ -40,7 +42,7 @@ class WorkerPool:
     def __init__(
         self, evidence: Evidence, sensor: Sensor, threads: int, method: str = "rays"
     ) -> None:
-        self._evidence = evidence
+        self._evidence, self._sensor = evidence, sensor
         self._forgets = evidence.config.map.half_life, evidence.config.map.t_ref_ns
         self._integrators = make_integrators(evidence, sensor, threads, method)
         self._busy_s = dict.fromkeys(range(threads), 0.0)
@@ -93,6 +95,8 @@ class WorkerPool:
             if half_life is None or t_ref_ns is None:
                 return self._integrators[who].add(batch)
             return _add_by_weight(self._integrators[who], batch, half_life, t_ref_ns)
+        except MapTooLargeError as error:
+            raise with_readings(error, batch, self._sensor) from None
         finally:
             self._busy_s[who] += time.perf_counter() - started
 

@@ -11,7 +11,7 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import MapTooLargeError
 from oddsmap.kernels.trace.clip_beams import ScanCells, cell_bounds
 from oddsmap.kernels.trace.hit_region import BeamShape
-from oddsmap.limits import memory_limit
+from oddsmap.limits import TOO_LONG, memory_limit
 from oddsmap.sensors.inverse_model import HitShape
 from oddsmap.sensors.segments import Segments
 
@@ -114,10 +114,12 @@ def check_size(
     if not too_large.any():
         return
     worst = int(np.argmax(np.where(too_large, window, 0.0)))
-    metres = " x ".join(f"{length:.4g}" for length in extent[worst] * resolution)
+    metres = " x ".join(f"{length:.5g}" for length in extent[worst] * resolution)
+    if bytes_needed[worst] > limit:
+        why = f"up to {bytes_needed[worst] / 1e9:.3g} GB of memory, there are {limit / 1e9:.3g} GB"
+    else:
+        why = f"a scan may span {max_window:.1e}, and {_MAX_LENGTH:.1e} along an axis"
     raise MapTooLargeError(
-        f"one scan spans {metres} m, {window[worst]:.1e} cells of {resolution:g} m: it alone would "
-        f"take up to {bytes_needed[worst] / 1e9:.3g} GB of memory (there are {limit / 1e9:.3g} GB; "
-        f"a scan may span {max_window:.1e} cells); use a coarser resolution, or range_max where a "
-        "reading is too long"
+        f"one scan spans {metres} m, {window[worst]:.1e} cells of {resolution:g} m ({why}): "
+        f"{TOO_LONG}"
     )

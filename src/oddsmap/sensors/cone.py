@@ -22,7 +22,7 @@ import numpy as np
 
 from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
-from oddsmap.limits import MAX_COORDINATE
+from oddsmap.limits import MAX_COORDINATE, TOO_LONG
 from oddsmap.scans.measurement import ranges_of
 from oddsmap.sensors.beam import NO_RANGE_MAX, BeamSensor, check_rates
 from oddsmap.sensors.cell_votes import CellVotes
@@ -232,8 +232,7 @@ class ConeSensor:
             else:
                 raise MapTooLargeError(
                     f"the cones of one scan hold over {_MAX_ENTRIES:.1e} cells of "
-                    f"{resolution:g} m: use a "
-                    "coarser resolution, or range_max or clear_range where beams are too long"
+                    f"{resolution:g} m: {TOO_LONG}"
                 )
 
     def _cones(self, scans: Sequence[Measurement], resolution: float) -> tuple[Cones, Counter[str]]:
@@ -271,7 +270,7 @@ class ConeSensor:
         if longest + self.hit_width > _MAX_REACH * resolution:
             raise MapTooLargeError(
                 f"a cone of {longest:.4g} m is over {_MAX_REACH:.1e} cells of {resolution:g} m "
-                "long: use a coarser resolution, or range_max where a reading is too long"
+                f"long: {TOO_LONG}"
             )
         ends = starts[used] + axes[used] * reach[used, None]
         cones = Cones(
