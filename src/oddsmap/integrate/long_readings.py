@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from oddsmap.errors import MapTooLargeError
+from oddsmap.limits import in_metres
 from oddsmap.scans.depth_image import DepthScan
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.scan import Scan
@@ -43,6 +44,6 @@ def with_readings(
     many = int(np.count_nonzero(z > longest / 2))
     doubt = "; ranges are metres, are these millimetres?" if median > _NOT_METRES else ""
     return MapTooLargeError(
-        f"{error} (here half of the readings are above {median:.5g} m, {many:,} of {len(z):,} "
-        f"above {longest / 2:.5g} m, and the longest is {longest:.5g} m{doubt})"
+        f"{error} (here half of the readings are above {in_metres(median)} m, {many:,} of {len(z):,} "
+        f"above {in_metres(longest / 2)} m, and the longest is {in_metres(longest)} m{doubt})"
     )

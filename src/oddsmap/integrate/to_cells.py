@@ -11,7 +11,7 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import MapTooLargeError
 from oddsmap.kernels.trace.clip_beams import ScanCells, cell_bounds
 from oddsmap.kernels.trace.hit_region import BeamShape
-from oddsmap.limits import TOO_LONG, memory_limit
+from oddsmap.limits import TOO_LONG, in_metres, memory_limit
 from oddsmap.sensors.inverse_model import HitShape
 from oddsmap.sensors.segments import Segments
 
@@ -114,7 +114,7 @@ def check_size(
     if not too_large.any():
         return
     worst = int(np.argmax(np.where(too_large, window, 0.0)))
-    metres = " x ".join(f"{length:.5g}" for length in extent[worst] * resolution)
+    metres = " x ".join(in_metres(length) for length in extent[worst] * resolution)
     if bytes_needed[worst] > limit:
         why = f"up to {bytes_needed[worst] / 1e9:.3g} GB of memory, there are {limit / 1e9:.3g} GB"
     else:
