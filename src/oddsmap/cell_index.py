@@ -16,7 +16,7 @@ from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.limits import MAX_COORDINATE, memory_limit
 
-__all__ = ["cell_box", "cell_indices", "check_room", "one_cell"]
+__all__ = ["cell_box", "cell_indices", "check_room", "indices_in", "one_cell"]
 
 
 def cell_indices(index: npt.ArrayLike, ndim: int) -> IntArray:
@@ -25,7 +25,7 @@ def cell_indices(index: npt.ArrayLike, ndim: int) -> IntArray:
     Raises:
         InputError: another shape, no whole numbers, or cells beyond 2^45 from the map's origin.
     """
-    cells = _whole_numbers(index)
+    cells = indices_in(index)
     if cells.size == 0 and cells.ndim <= 2:
         return np.empty((0, ndim), np.int64)
     if cells.ndim != 2 or cells.shape[1] != ndim:
@@ -37,7 +37,7 @@ def cell_indices(index: npt.ArrayLike, ndim: int) -> IntArray:
 
 def one_cell(cell: npt.ArrayLike, ndim: int) -> IntArray:
     """One cell as an array of shape (ndim,), x first; errors as in `cell_indices`."""
-    found = _whole_numbers(cell)
+    found = indices_in(cell)
     if found.shape != (ndim,):
         raise InputError(f"a cell of a {ndim}D map is {ndim} indices, x first, got {cell!r}")
     return found
@@ -49,7 +49,7 @@ def cell_box(lo: npt.ArrayLike, hi: npt.ArrayLike, ndim: int) -> tuple[IntArray,
     Raises:
         InputError: as in `cell_indices`, or hi < lo.
     """
-    first, last = _whole_numbers(lo), _whole_numbers(hi)
+    first, last = indices_in(lo), indices_in(hi)
     if first.shape != (ndim,) or last.shape != first.shape or (last < first).any():
         raise InputError(f"a region needs lo <= hi of {ndim} indices, got {lo!r} and {hi!r}")
     return first, last
@@ -70,7 +70,12 @@ def check_room(lo: IntArray, hi: IntArray, bytes_per_cell: int) -> None:
         )
 
 
-def _whole_numbers(index: npt.ArrayLike) -> IntArray:
+def indices_in(index: npt.ArrayLike) -> IntArray:
+    """Indices in an array of whatever shape, once it is clear that they are some.
+
+    Raises:
+        InputError: no whole numbers, or cells beyond 2^45 from the map's origin.
+    """
     given = np.asarray(index)
     if given.size == 0:
         return given.astype(np.int64)

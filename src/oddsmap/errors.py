@@ -4,6 +4,10 @@
 Each message is one line: what went wrong, where, what was found, what to do.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+
 __all__ = [
     "ConfigError",
     "InputError",
@@ -11,6 +15,7 @@ __all__ = [
     "OddsmapError",
     "OutputError",
     "RecoveryWarning",
+    "did_you_mean",
 ]
 
 
@@ -36,3 +41,20 @@ class MapTooLargeError(OddsmapError, MemoryError):
 
 class RecoveryWarning(UserWarning):
     """What a killed run had left was put back, finished or removed."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A question for messages: `did you mean "a" or "b"? `; empty where nothing is near.
+
+    Args:
+        name: what was said.
+        known: what there is.
+    """
+    from difflib import SequenceMatcher
+
+    likeness = {word: SequenceMatcher(None, name.lower(), word).ratio() for word in known}
+    best = max(likeness.values(), default=0.0)
+    if best < 0.5:
+        return ""
+    near = [f'"{word}"' for word, ratio in likeness.items() if ratio == best]
+    return f"did you mean {' or '.join(near)}? "

@@ -197,7 +197,7 @@ def test_directory_and_missing_file(run: Run, tmp_path: Path) -> None:
         (["--set", "nonsense"], "section.field=value"),
         (["--sensor", "sonar"], "cone_deg"),
         (["--sweeps", "3"], "--estimator full-map"),
-        (["--poses", "poses.txt"], "has poses"),
+        (["--poses", __file__], "has poses"),
         (["--sensor", "lidar3d"], "the logs are of lidar2d"),
         (["--method", "projective"], "is for depth images"),
         (["--camera", "1 2 3"], "fx fy cx cy width height"),

@@ -103,7 +103,7 @@ def test_other_logs_are_refused(run: Run, floor: Path, office: Path, tmp_path: P
         (["--set", "sensor.true_positive_rate=0.05"], "must lie below true_positive_rate"),
         (["--range-max", "3"], 'no field of [sensor] of kind overhead is called "range_max"'),
         (["--method", "projective"], "--method projective is for depth images"),
-        (["--poses", "poses.txt"], None),
+        (["--poses", __file__], None),
     ],
 )
 def test_settings_that_do_not_fit(

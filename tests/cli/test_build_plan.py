@@ -16,7 +16,7 @@ from tests.cli.conftest import Run
 
 def plan(tmp_path: Path, *settings: str) -> BuildPlan:
     return BuildPlan(
-        logs=[Path("gone.log")],
+        logs=[],
         output=tmp_path / "m.zarr",
         settings=MapSettings(resolution=0.1, settings=list(settings)),
     )
@@ -25,7 +25,10 @@ def plan(tmp_path: Path, *settings: str) -> BuildPlan:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--sensor", "radar"], "--sensor radar: not available, known are lidar2d, lidar3d"),
+        (
+            ["--sensor", "radar"],
+            'radar: not available, did you mean "lidar2d" or "lidar3d"? (known: lidar2d',
+        ),
         (["--sweeps", "3"], "--sweeps belongs to --estimator full-map"),
         (["--estimator", "full-map", "--votes", "scan"], "--votes belongs to --estimator filter"),
         (
@@ -47,13 +50,15 @@ def test_refused(run: Run, tmp_path: Path, words: list[str], message: str) -> No
 
 
 def test_the_output(run: Run, tmp_path: Path) -> None:
-    words = ("build", "gone.log", "--resolution", 0.1, "-o")
+    log = tmp_path / "empty.log"
+    log.touch()
+    words = ("build", log, "--resolution", 0.1, "-o")
     assert "oddsmap export makes .png of it" in run(*words, tmp_path / "m.png").line
     assert "does not exist" in run(*words, tmp_path / "none" / "m.zarr").line
     out = tmp_path / "m.zarr"
     out.mkdir()
     assert "exists already" in run(*words, out).line
-    assert "gone.log" in run(*words, out, "--force").line
+    assert "the file is empty" in run(*words, out, "--force").line
 
 
 def test_a_map_needs_a_resolution(run: Run, tmp_path: Path) -> None:

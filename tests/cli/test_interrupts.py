@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from oddsmap.cli import INTERRUPTED, Interrupt, main
+from oddsmap.cli import INTERRUPTED, main
 from oddsmap.cli.interrupts import interruptible
 from tests.cli.conftest import Run, folder_bytes
 
@@ -130,7 +130,7 @@ def test_an_import_that_would_swallow_it_is_finished_first(
         "try:\n    signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    raise ImportError"
     )
     module(tmp_path, monkeypatch, text)
-    with pytest.raises(Interrupt), interruptible():  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
         import stranger  # type: ignore[import-not-found]
 
         len("the next call")
@@ -143,7 +143,7 @@ def test_the_second_time_an_import_does_not_wait(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module(tmp_path, monkeypatch, "for _ in range(2):\n    signal.raise_signal(signal.SIGINT)")
-    with pytest.raises(Interrupt), interruptible():
+    with pytest.raises(KeyboardInterrupt), interruptible():
         import stranger  # noqa: F401
     assert "stranger" not in sys.modules
 
@@ -153,7 +153,7 @@ def test_it_is_not_lost_where_nothing_can_be_raised(capsys: pytest.CaptureFixtur
         def __del__(self) -> None:
             interrupt()
 
-    with pytest.raises(Interrupt), interruptible():  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
         dying = Dying()
         del dying
         len("the next call")
@@ -172,7 +172,7 @@ def test_what_half_made_objects_say_of_their_end_is_not_shown(
         def __del__(self) -> None:
             str(self.handle)
 
-    with pytest.raises(Interrupt), interruptible():
+    with pytest.raises(KeyboardInterrupt), interruptible():
         HalfMade()
     HalfMade.__new__(HalfMade)  # dies when all is over
     assert capsys.readouterr().err == ""
@@ -180,7 +180,7 @@ def test_what_half_made_objects_say_of_their_end_is_not_shown(
 
 def test_the_second_time_does_not_break_off_clearing_up() -> None:
     cleared = []
-    with pytest.raises(Interrupt), interruptible():  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
         try:
             interrupt()
         finally:
@@ -190,7 +190,7 @@ def test_the_second_time_does_not_break_off_clearing_up() -> None:
 
 
 def test_the_third_time_is_heeded() -> None:
-    with pytest.raises(Interrupt), interruptible():  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), interruptible():  # noqa: PT012
         try:
             interrupt()
         finally:
@@ -225,7 +225,7 @@ def test_what_is_left_behind(capsys: pytest.CaptureFixture[str]) -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert sys.unraisablehook is hook
     # When the status is settled the process only has to end.
-    with pytest.raises(Interrupt), interruptible():
+    with pytest.raises(KeyboardInterrupt), interruptible():
         interrupt()
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 

@@ -19,7 +19,7 @@ def help_of_option(page: str, option: str) -> str:
     """What a page of help says of an option, up to the next one."""
     (start,) = (i for i, line in enumerate(page.splitlines()) if line.startswith(f"  {option} "))
     lines = page.splitlines()[start:]
-    end = next(i for i, line in enumerate(lines) if i and line.startswith("  --"))
+    end = next(i for i, line in enumerate(lines) if i and line.startswith(("  -", "  --")))
     return " ".join(" ".join(lines[:end]).split())
 
 

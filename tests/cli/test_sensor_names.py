@@ -28,7 +28,7 @@ def test_each_kind_of_sensor_has_a_name(run: Run) -> None:
     assert set(names.values()) == set(KINDS)
     page = " ".join(run("build", "--help").out.split())
     *others, last = names
-    assert f"{', '.join(others)} or {last}." in page
+    assert f"{', '.join(others)} or {last};" in page
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,9 @@ from __future__ import annotations
 
 import sys
 
-__all__ = ["INTERRUPTED", "Interrupt", "main"]
+__all__ = ["INTERRUPTED", "main"]
 
 INTERRUPTED = "interrupted: each output is as it was, or new and complete"
-
-
-class Interrupt(BaseException):
-    """Ctrl-C. It is no KeyboardInterrupt: the parser of the command line would answer that."""
 
 
 def main() -> None:
@@ -23,6 +19,6 @@ def main() -> None:
             from oddsmap.cli.app import run
 
             run()
-    except (Interrupt, KeyboardInterrupt):
+    except KeyboardInterrupt:
         print(f"oddsmap: {INTERRUPTED}", file=sys.stderr)  # noqa: T201
         sys.exit(130)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import typer
 
@@ -11,6 +12,10 @@ from oddsmap.cli.build import HELP as BUILD_HELP
 from oddsmap.cli.build import build
 from oddsmap.cli.calibrate import HELP as CALIBRATE_HELP
 from oddsmap.cli.calibrate import calibrate
+from oddsmap.cli.command import Command
+from oddsmap.cli.config import HELP as CONFIG_HELP
+from oddsmap.cli.config import config
+from oddsmap.cli.demo import HELP as DEMO_HELP
 from oddsmap.cli.demo import demo
 from oddsmap.cli.endings import ended_by_signals
 from oddsmap.cli.export import HELP as EXPORT_HELP
@@ -28,28 +33,39 @@ __all__ = ["app", "run"]
 _HELP = """Range-sensor readings from known poses in, a probabilistic map of the world out.
 
 \b
-  oddsmap demo                                                  see it work, no data needed
-  oddsmap info intel.log.gz                                     what is in a log, or in a map
-  oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr    log to map
-  oddsmap export intel.zarr intel.yaml                          map to ROS; also .png and .npz
-  oddsmap score sonar.zarr sonar.npz --held-out                 how well it predicts readings
-  oddsmap calibrate sonar.npz --resolution 0.1 -o sonar.toml    rates and noise of a sensor
-  oddsmap landmarks seen.csv -o trees.csv                       points in place of cells
+  oddsmap demo                          see it work, no data needed
+  oddsmap info intel.log.gz             what is in a log, or in a map
+  oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
+                                        log to map
+  oddsmap export intel.zarr intel.yaml  map to ROS; also .png and .npz
+  oddsmap score sonar.zarr sonar.npz --held-out
+                                        how well it predicts readings
+  oddsmap calibrate sonar.npz --resolution 0.1 -o sonar.toml
+                                        rates and noise of a sensor
+  oddsmap landmarks seen.csv -o trees.csv
+                                        points in place of cells
+
+oddsmap COMMAND -h explains a command, oddsmap config lists all settings.
 """
 
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command(help=BUILD_HELP)(build)
-app.command(help=EXPORT_HELP)(export)
-app.command(help=INFO_HELP)(info)
-app.command(help=CALIBRATE_HELP)(calibrate)
-app.command(help=SCORE_HELP)(score)
-app.command(help=LANDMARKS_HELP)(landmarks)
-app.command()(demo)
+for command, page in (
+    (build, BUILD_HELP),
+    (export, EXPORT_HELP),
+    (info, INFO_HELP),
+    (config, CONFIG_HELP),
+    (calibrate, CALIBRATE_HELP),
+    (score, SCORE_HELP),
+    (landmarks, LANDMARKS_HELP),
+    (demo, DEMO_HELP),
+):
+    # The first line of a page is its summary; where there is none, the parser cuts one out.
+    app.command(cls=Command, help=page, short_help=page.splitlines()[0])(command)
 
 
 def _show_version(show: bool) -> None:
@@ -84,6 +100,23 @@ def run() -> None:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         _fail(f"{where}{error.strerror or error}")
+    except Exception as error:
+        if not {"-v", "--verbose"}.isdisjoint(sys.argv):
+            raise
+        _fail(_unexpected(error))
+
+
+def _unexpected(error: Exception) -> str:
+    """What to say of an error that is no user's mistake."""
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    where = f" ({Path(place.tb_frame.f_code.co_filename).name}:{place.tb_lineno})" if place else ""
+    said = " ".join(f"{type(error).__name__}: {error}".split())
+    return (
+        f"unexpected {said[:300]}{where}; this is a fault of oddsmap: please report it, with what "
+        "the same command says with -v"
+    )
 
 
 def _fail(message: str) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,22 +19,27 @@ from oddsmap.cli.options import (
     Columns,
     PointsIn,
     Poses,
+    Quiet,
     Resolution,
     Settings,
     SkipBad,
     Threads,
     Times,
     Tolerance,
+    Verbose,
     config_option,
     force_option,
     json_option,
     thread_count,
 )
-from oddsmap.cli.summary import say
+from oddsmap.cli.sensor_names import complete_sensor
+from oddsmap.cli.setting_fields import set_fields
+from oddsmap.cli.summary import lines
+from oddsmap.cli.voice import Voice
 from oddsmap.errors import OddsmapError
 
 if TYPE_CHECKING:
-    from oddsmap.cli.opened_logs import OpenedLogs
+    from oddsmap.cli.opened_logs import OpenedLog, OpenedLogs
     from oddsmap.scans.report import Report
 
 __all__ = ["HELP", "build"]
@@ -44,11 +48,17 @@ HELP = """Map one or more logs: in 2D or 3D, as their scans are.
 
 \b
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
-  oddsmap build run.log --resolution 0.1 --range-max 30 --clear-range 10 -o run.zarr
-  oddsmap build run.log --config lidar.toml --set sensor.hit_width=0.1 -o run.zarr --json
+  oddsmap build run.log --resolution 0.1 --range-max 30 --clear-range 10 \\
+    -o run.zarr
+  oddsmap build run.log --config lidar.toml --set sensor.hit_width=0.1 \\
+    -o run.zarr --json
+  oddsmap build clouds/ --poses poses.txt --resolution 0.1 \\
+    --set sensor.mark_z_min=0.2 -o hall.zarr
   oddsmap build sonar.npz --resolution 0.1 --estimator full-map -o sonar.zarr
-  oddsmap build sonar.npz --resolution 0.1 --hold-out 0.1 -o sonar.zarr   (see oddsmap score)
-  oddsmap build clouds/ --poses poses.txt --resolution 0.1 --set sensor.mark_z_min=0.2 -o hall.zarr
+  oddsmap build sonar.npz --resolution 0.1 --hold-out 0.1 -o sonar.zarr
+                                                    (see oddsmap score)
+
+Reads {formats}: by their content, whatever they are called. docs/formats.md says what each needs.
 """
 
 
@@ -56,22 +66,40 @@ def build(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...", help="A log file, or a folder of scans.")
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="MAP.zarr")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="MAP.zarr", help="The map to write, a folder.")
+    ],
     resolution: Resolution = None,
     votes: Annotated[
         Literal["scan", "beam"] | None,
-        typer.Option(help="scan: one vote per cell and scan; beam: every beam."),
+        typer.Option(
+            help="scan: one vote per cell and scan; beam: every beam. By default scan, and beam "
+            "for sonar and tof."
+        ),
     ] = None,
     clear_range: Annotated[
-        float | None, typer.Option(metavar="M", help="How far a beam without return clears.")
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="How far a beam without return clears; by default one that says so by +Inf up to "
+            "range-max, and others not at all.",
+        ),
     ] = None,
     range_max: Annotated[
-        float | None, typer.Option(metavar="M", help="Readings from here on are no returns.")
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Readings from here on are no returns; by default as the log says.",
+        ),
     ] = None,
     threads: Threads = None,
     sensor: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="lidar2d, lidar3d, depth, sonar, tof or overhead."),
+        typer.Option(
+            metavar="NAME",
+            help="{sensors}; by default as the log says.",
+            autocompletion=complete_sensor,
+        ),
     ] = None,
     method: Annotated[
         Literal["rays", "projective"],
@@ -82,7 +110,8 @@ def build(
         typer.Option(help="filter: cell by cell; full-map: all cells together, for wide beams."),
     ] = "filter",
     sweeps: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="full-map: the most sweeps, 40.")
+        int | None,
+        typer.Option(metavar="N", min=1, help="full-map: the most sweeps, by default 40."),
     ] = None,
     poses: Poses = None,
     times: Times = None,
@@ -91,17 +120,25 @@ def build(
     camera: Camera = None,
     points_in: PointsIn = None,
     columns: Columns = None,
-    config: Annotated[Path | None, config_option("Sections map, sensor, full_map...")] = None,
+    config: Annotated[
+        Path | None, config_option("sections map, sensor, posterior and full_map")
+    ] = None,
     settings: Settings = None,
     hold_out: Annotated[
         float | None,
-        typer.Option(metavar="F", help="Keep this share of scans back, to score by."),
+        typer.Option(
+            metavar="SHARE",
+            help="Keep this share of scans back, to score by: 0.1 is each tenth; by default none.",
+        ),
     ] = None,
     skip_bad: SkipBad = False,
     force: Annotated[bool, force_option("an existing map")] = False,
     as_json: Annotated[bool, json_option("the summary")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Map one or more logs: see `HELP`."""
+    voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     plan = BuildPlan(
         logs=logs,
         log_options=LogOptions(
@@ -130,33 +167,42 @@ def build(
         method=method,
         threads=thread_count(threads),
         hold_out=hold_out,
-        quiet=as_json,
+        quiet=voice.still,
     )
     opened = open_logs(plan)
     try:
         facts, report = make_map(plan, opened)
     except OddsmapError:
         # What looks odd in a log may be why it makes no map.
-        _say_doubts(opened, err=True)
+        _say_doubts(opened, voice, err=True)
         raise
     facts |= _facts_of_work(plan, opened, report)
     for part in opened.logs:
         for note in (*part.log.notes, *doubts_of_settings(part.log, part.config)):
-            typer.echo(f"{part.log.path}: {note}", err=as_json)
-    _say_doubts(opened, err=as_json)
-    if as_json:
-        typer.echo(json.dumps(facts))
-    else:
-        say(facts)
+            voice.note(part.log.path, note)
+        _details(voice, part)
+    _say_doubts(opened, voice)
+    voice.facts(facts)
+    for line in lines(facts):
+        voice.say(line)
 
 
-def _say_doubts(opened: OpenedLogs, *, err: bool) -> None:
+def _details(voice: Voice, part: OpenedLog) -> None:
+    """Bad lines of a log, and the settings that are not the defaults."""
+    for bad in getattr(part.log, "bad_lines", ()):
+        voice.detail(f"{part.log.path}:{bad.number}: {bad.message}")
+    if voice.verbose:
+        for setting, value in set_fields(part.config.to_dict()).items():
+            voice.detail(f"{part.log.path}: {setting} = {value}")
+
+
+def _say_doubts(opened: OpenedLogs, voice: Voice, *, err: bool = False) -> None:
     """Say what looks odd in the scans that were mapped, as far as they were read."""
     from oddsmap.plausibility.doubts import doubts_of_sample
 
     for part in opened.logs:
         for doubt in doubts_of_sample(part.sample):
-            typer.echo(f"{part.log.path}: {doubt}", err=err)
+            voice.note(part.log.path, doubt, err=err)
 
 
 def _facts_of_work(plan: BuildPlan, opened: OpenedLogs, report: Report) -> dict[str, Any]:

@@ -11,10 +11,13 @@ from typing import Literal
 import typer
 
 from oddsmap.cli.log_options import LogOptions
-from oddsmap.cli.sensor_names import sensor_names
+from oddsmap.cli.sensor_names import check_name, sensor_names
 from oddsmap.cli.setting_layers import Layer, SettingLayers, read_layers
 
-__all__ = ["BuildPlan", "MapSettings"]
+__all__ = ["EXPORTED", "BuildPlan", "MapSettings"]
+
+EXPORTED = (".yaml", ".yml", ".png", ".npz", ".bt", ".ot", ".ply")
+"""The suffixes of what `oddsmap export` makes of a map."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,11 +85,11 @@ class BuildPlan:
     quiet: bool = False
 
     def __post_init__(self) -> None:
-        self._check_sensor()
+        check_name(self.settings.sensor)
         self._check_estimator()
-        self._check_output()
-        self._check_settings()
         _ = self.hold_out_every
+        self._check_settings()
+        self._check_files()
 
     @cached_property
     def layers(self) -> SettingLayers:
@@ -100,13 +103,6 @@ class BuildPlan:
 
         return None if self.hold_out is None else every_of(self.hold_out)
 
-    def _check_sensor(self) -> None:
-        from oddsmap.errors import ConfigError
-
-        stated, known = self.settings.sensor, sensor_names()
-        if stated is not None and stated not in known:
-            raise ConfigError(f"--sensor {stated}: not available, known are {', '.join(known)}")
-
     def _check_estimator(self) -> None:
         from oddsmap.errors import ConfigError
 
@@ -118,19 +114,21 @@ class BuildPlan:
         if not full_map and self.settings.sweeps is not None:
             raise ConfigError("--sweeps belongs to --estimator full-map")
 
-    def _check_output(self) -> None:
-        from oddsmap.errors import ConfigError
-        from oddsmap.map_files.zarr_folder import check_map_output
-
-        suffix = self.output.suffix
-        if suffix not in ("", ".zarr"):
-            raise ConfigError(
-                f"{self.output}: a map is a Zarr folder, by custom NAME.zarr; oddsmap export makes "
-                f'{suffix} of it; got the suffix "{suffix}"'
-            )
-        check_map_output(self.output, force=self.force)
-
     def _check_settings(self) -> None:
         self.layers.check_estimator(self.estimator)
         if "resolution" not in self.layers.fields("map"):
-            raise typer.BadParameter("a map needs one, in metres", param_hint="--resolution")
+            raise typer.BadParameter(
+                "a map needs one, in metres, like --resolution 0.05", param_hint="--resolution"
+            )
+        self.layers.check_values()
+
+    def _check_files(self) -> None:
+        from oddsmap.cli.files import check_files, check_suffix
+
+        suffix = self.output.suffix.lower()
+        made = f"; oddsmap export makes {suffix} of it" if suffix in EXPORTED else ""
+        check_suffix(
+            self.output, ("", ".zarr"), f"a map is a Zarr folder, by custom NAME.zarr{made}"
+        )
+        read = [*self.logs, self.log_options.poses, self.log_options.times]
+        check_files(read, self.output, force=self.force, is_map=True)

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -17,12 +17,14 @@ from oddsmap.cli.options import (
     Columns,
     PointsIn,
     Poses,
+    Quiet,
     Resolution,
     Settings,
     SkipBad,
     Threads,
     Times,
     Tolerance,
+    Verbose,
     config_option,
     force_option,
     json_option,
@@ -30,6 +32,7 @@ from oddsmap.cli.options import (
 )
 from oddsmap.cli.progress import progress_of_fit
 from oddsmap.cli.setting_layers import SettingLayers, read_layers
+from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
     from oddsmap.scoring.calibration import Calibration
@@ -40,7 +43,8 @@ HELP = """Find the sensor model that explains a log best: rates, noise, width of
 
 \b
   oddsmap calibrate sonar.npz --resolution 0.1 -o sensor.toml
-  oddsmap build sonar.npz --resolution 0.1 --config sensor.toml --estimator full-map -o sonar.zarr
+  oddsmap build sonar.npz --resolution 0.1 --config sensor.toml \\
+    --estimator full-map -o sonar.zarr
 
 No ground truth is needed: each reading is predicted from the map of all others. Standard errors
 are of each parameter by itself, and take the model for true.
@@ -51,7 +55,9 @@ _UNITS = {"cone_deg": "deg", "sigma": "m"}
 
 def calibrate(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A log file, or a folder of scans.")],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="SENSOR.toml")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="SENSOR.toml", help="The settings to write.")
+    ],
     resolution: Resolution = None,
     noise_only: Annotated[
         bool,
@@ -65,16 +71,20 @@ def calibrate(
     camera: Camera = None,
     points_in: PointsIn = None,
     columns: Columns = None,
-    config: Annotated[Path | None, config_option("Where to start: section sensor.")] = None,
+    config: Annotated[Path | None, config_option("where to start, section sensor")] = None,
     settings: Settings = None,
     skip_bad: SkipBad = False,
     force: Annotated[bool, force_option("an existing file")] = False,
     as_json: Annotated[bool, json_option("the result")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Calibrate the sensor: see `HELP`."""
     from oddsmap.atomic_write import atomic_output
+    from oddsmap.cli.files import check_files, check_suffix
     from oddsmap.scoring.calibration import calibrate as calibrate_sensor
 
+    voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     log_options = LogOptions(
         poses=poses,
         times=times,
@@ -85,11 +95,12 @@ def calibrate(
         points_in=points_in,
         columns=columns,
     )
-    _check_output(output, force=force)
     layers = _read_layers(config, settings, resolution)
+    check_suffix(output, (".toml",), "a sensor is written as TOML; give a name that ends in .toml")
+    check_files([log, poses, times], output, force=force)
     opened = log_options.open(log)
     start = layers.resolve(opened)
-    with progress_of_fit(quiet=as_json) as progress:
+    with progress_of_fit(quiet=voice.still) as progress:
         found = calibrate_sensor(
             opened,
             start.map.resolution,
@@ -102,20 +113,9 @@ def calibrate(
     with atomic_output(output, force=force) as part:
         part.write_text(f"# From {log.name}, by oddsmap calibrate.\n{found.to_toml()}", "utf-8")
     for note in found.notes:
-        typer.echo(f"{log}: {note}", err=as_json)
-    if as_json:
-        typer.echo(json.dumps({"log": str(log), "output": str(output), **_facts(found)}))
-    else:
-        _say(found, output)
-
-
-def _check_output(output: Path, *, force: bool) -> None:
-    from oddsmap.atomic_write import check_output
-    from oddsmap.errors import ConfigError
-
-    if output.suffix.lower() != ".toml":
-        raise ConfigError(f"{output}: a sensor is written as TOML; give a name that ends in .toml")
-    check_output(output, force=force)
+        voice.note(log, note)
+    voice.facts({"log": str(log), "output": str(output), **_facts(found)})
+    _say(voice, found, output)
 
 
 def _read_layers(
@@ -124,7 +124,10 @@ def _read_layers(
     layers = read_layers(config, settings, {"map": {"resolution": resolution}})
     layers.check_sections("calibrate", "map", "sensor", "full_map")
     if "resolution" not in layers.fields("map"):
-        raise typer.BadParameter("calibration needs one, in metres", param_hint="--resolution")
+        raise typer.BadParameter(
+            "calibration needs one, in metres, like --resolution 0.1", param_hint="--resolution"
+        )
+    layers.check_values()
     return layers
 
 
@@ -145,8 +148,8 @@ def _facts(found: Calibration) -> dict[str, Any]:
     }
 
 
-def _say(found: Calibration, output: Path) -> None:
-    say = typer.echo
+def _say(voice: Voice, found: Calibration, output: Path) -> None:
+    say = voice.say
     say(f"used        {found.scans:,} scans, {found.beams:,} beams")
     for reason, count in sorted(found.skipped.items()):
         say(f"skipped     {count:,} x {reason}")
@@ -158,4 +161,5 @@ def _say(found: Calibration, output: Path) -> None:
     if not found.converged:
         say(f"NOT at rest after {found.updates} updates: start from this file to go on (--config)")
     say(f"sensor      {output}")
-    say(f"next        oddsmap build LOG --resolution M --config {output} --estimator full-map")
+    written = quote(str(output))
+    say(f"next        oddsmap build LOG --resolution M --config {written} --estimator full-map")

@@ -9,38 +9,53 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import typer
 
+from oddsmap.cli.build_plan import EXPORTED
 from oddsmap.cli.export_log_odds import write_log_odds
 from oddsmap.cli.export_rates import write_decay, write_reflection
-from oddsmap.cli.options import flag, force_option
+from oddsmap.cli.options import Quiet, Verbose, flag, force_option
+from oddsmap.cli.progress import working
+from oddsmap.cli.voice import Voice
+from oddsmap.cli.written import Written
 
 __all__ = ["HELP", "export"]
 
 HELP = """Write a map as a ROS map, a picture, arrays, an OctoMap or points: OUT's suffix decides.
 
 \b
-  oddsmap export intel.zarr intel.yaml                 ROS map_server: YAML and PGM
-  oddsmap export intel.zarr intel.yaml --mode scale    the same with probabilities, as PNG
-  oddsmap export intel.zarr intel.png                  a picture with axes in metres
-  oddsmap export intel.zarr intel.npz --prior 0.2      cells, counts and probabilities
-  oddsmap export intel.zarr intel.png --prior old.yaml with an older map as the prior
+  oddsmap export intel.zarr intel.yaml    ROS map_server: YAML and PGM
+  oddsmap export intel.zarr intel.yaml --mode scale
+                                          the same with probabilities, as PNG
+  oddsmap export intel.zarr intel.png     a picture with axes in metres
+  oddsmap export intel.zarr intel.npz --prior 0.2
+                                          cells, counts and probabilities
+  oddsmap export intel.zarr intel.png --prior old.yaml
+                                          with an older map as the prior
 
 \b
-How often cells reflect beams (maps made with --votes beam), with credible intervals:
+How often cells reflect beams (maps made with --votes beam), with credible
+intervals:
   oddsmap export hall.zarr hall.png --posterior reflection
-  oddsmap export hall.zarr hall.png --posterior reflection --show interval-width --level 0.8
+  oddsmap export hall.zarr hall.png --posterior reflection \\
+    --show interval-width --level 0.8
 
 \b
 3D maps (MAP may also be an OctoMap):
-  oddsmap export hall.zarr hall.bt                     OctoMap: free and occupied; .ot: log odds
-  oddsmap export hall.zarr hall.ply                    the occupied cells as points
+  oddsmap export hall.zarr hall.bt        OctoMap: free and occupied;
+                                          .ot: log odds
+  oddsmap export hall.zarr hall.ply       the occupied cells as points
   oddsmap export hall.zarr hall.yaml --z-min 0.2 --z-max 1.8 --ground relative
 """
 
-_SUFFIXES = (".yaml", ".yml", ".png", ".npz", ".bt", ".ot", ".ply")
+
+def complete_view(incomplete: str) -> list[str]:
+    """The views that may be meant, for the completion of the shell."""
+    return [name for name in _VIEWS if name.startswith(incomplete)]
 
 
 def export(
-    source: Annotated[Path, typer.Argument(metavar="MAP")],
+    source: Annotated[
+        Path, typer.Argument(metavar="MAP", help="A saved map (.zarr) or an OctoMap (.bt, .ot).")
+    ],
     output: Annotated[
         Path, typer.Argument(metavar="OUT", help=".yaml, .png, .npz, .bt, .ot or .ply")
     ],
@@ -51,30 +66,60 @@ def export(
         ),
     ] = None,
     posterior: Annotated[
-        str, typer.Option(metavar="NAME", help="Which view: log-odds, reflection or decay.")
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Which view: log-odds, reflection or decay.",
+            autocompletion=complete_view,
+        ),
     ] = "log-odds",
     prior: Annotated[
         str | None,
         typer.Option(
             metavar="P|MAP",
-            help="p(occupied) before any reading: a number, or a map (.zarr, .yaml, .bt, .ot).",
+            help="p(occupied) before any reading: a number, or a map (.zarr, .yaml, .bt, .ot); by "
+            "default the map's posterior.prior.",
         ),
     ] = None,
-    p_hit: Annotated[float | None, typer.Option(metavar="P", help="Belief in a hit.")] = None,
-    p_miss: Annotated[float | None, typer.Option(metavar="P", help="Belief after a pass.")] = None,
+    p_hit: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PROBABILITY", help="Belief in a hit; by default the map's sensor.p_hit."
+        ),
+    ] = None,
+    p_miss: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PROBABILITY", help="Belief after a pass; by default the map's sensor.p_miss."
+        ),
+    ] = None,
     z_min: Annotated[
-        float | None, typer.Option(metavar="M", help="Space to plane: lowest height that counts.")
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Space to plane: lowest height that counts; by default any, where --z-max is set.",
+        ),
     ] = None,
     z_max: Annotated[
-        float | None, typer.Option(metavar="M", help="Space to plane: where heights end to count.")
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Space to plane: where heights end to count; by default nowhere, where --z-min is "
+            "set.",
+        ),
     ] = None,
     ground: Annotated[
         Literal["none", "relative"] | None,
-        typer.Option(help="Heights above z = 0 (none), or above the ground found in the map."),
+        typer.Option(
+            help="Heights above z = 0 (none, the default), or above the ground found in the map."
+        ),
     ] = None,
     clamp: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="P P", help="Bounds of p in an .ot; OctoMap's own: 0.1192 0.971."),
+        typer.Option(
+            metavar="PROBABILITY PROBABILITY",
+            help="Bounds of p in an .ot, by default none; OctoMap's own are 0.1192 0.971.",
+        ),
     ] = None,
     show: Annotated[
         Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-above", "p-pass"]
@@ -83,24 +128,35 @@ def export(
     ] = None,
     level: Annotated[
         float | None,
-        typer.Option(metavar="P", help="Reflection, decay: mass of the interval, 0.95."),
+        typer.Option(
+            metavar="PROBABILITY",
+            help="Reflection, decay: mass of the interval, by default 0.95.",
+        ),
     ] = None,
     interval: Annotated[
         Literal["equal-tailed", "highest-density"] | None,
         typer.Option(help="Reflection: which credible interval; by default equal-tailed."),
     ] = None,
     threshold: Annotated[
-        float | None, typer.Option(metavar="P", help="Reflection: the limit of p-above, 0.5.")
+        float | None,
+        typer.Option(
+            metavar="PROBABILITY", help="Reflection: the limit of p-above, by default 0.5."
+        ),
     ] = None,
     beta_a: Annotated[
-        float | None, typer.Option(metavar="N", help="Reflection: the prior's weight of hits, 1.")
+        float | None,
+        typer.Option(metavar="VOTES", help="Reflection: the prior's weight of hits, by default 1."),
     ] = None,
     beta_b: Annotated[
-        float | None, typer.Option(metavar="N", help="Reflection: its weight of passes, 1.")
+        float | None,
+        typer.Option(metavar="VOTES", help="Reflection: its weight of passes, by default 1."),
     ] = None,
     force: Annotated[bool, force_option("existing files")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Write a map as a ROS map, a picture, arrays, an OctoMap or points: see `HELP`."""
+    voice = Voice(quiet=quiet, verbose=verbose)
     stated = {
         name: value
         for name, value in {
@@ -112,14 +168,17 @@ def export(
     }  # fmt: skip
     view = _view_of(posterior, stated)
     _check_suffix(output, mode)
-    written = view.write(source, output, stated, force)
-    typer.echo(f"wrote    {', '.join(str(path) for path in written)}")
+    with working(f"exporting {output}", quiet=voice.still):
+        written = view.write(source, output, stated, force)
+    voice.say(f"wrote    {', '.join(str(path) for path in written.files)}")
+    if written.note is not None:
+        voice.say(f"note     {written.note}")
 
 
 class _View(NamedTuple):
     """What writes a view, and the options that it knows."""
 
-    write: Callable[[Path, Path, Mapping[str, Any], bool], list[Path]]
+    write: Callable[[Path, Path, Mapping[str, Any], bool], Written]
     options: frozenset[str]
 
 
@@ -138,10 +197,13 @@ _VIEWS = {
 
 def _view_of(posterior: str, stated: Mapping[str, Any]) -> _View:
     """The view of --posterior; options that belong to another view are refused."""
-    from oddsmap.errors import ConfigError
+    from oddsmap.errors import ConfigError, did_you_mean
 
     if posterior not in _VIEWS:
-        raise ConfigError(f"--posterior {posterior}: unknown, known: {', '.join(_VIEWS)}")
+        raise ConfigError(
+            f"--posterior {posterior}: there is no such view, {did_you_mean(posterior, _VIEWS)}"
+            f"(known: {', '.join(_VIEWS)})"
+        )
     view = _VIEWS[posterior]
     for name in stated:
         if name not in view.options:
@@ -153,13 +215,14 @@ def _view_of(posterior: str, stated: Mapping[str, Any]) -> _View:
 
 
 def _check_suffix(output: Path, mode: str | None) -> None:
+    from oddsmap.cli.files import check_suffix
     from oddsmap.errors import ConfigError
 
-    suffix = output.suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise ConfigError(
-            f"{output}: the suffix says what to write: .yaml (ROS map), .png (picture), .npz "
-            f'(arrays), .bt or .ot (OctoMap), .ply (points); got "{output.suffix}"'
-        )
-    if mode is not None and suffix not in (".yaml", ".yml"):
+    check_suffix(
+        output,
+        EXPORTED,
+        "the suffix says what to write: .yaml (ROS map), .png (picture), .npz (arrays), .bt or .ot "
+        "(OctoMap), .ply (points)",
+    )
+    if mode is not None and output.suffix.lower() not in (".yaml", ".yml"):
         raise ConfigError(f"--mode says how a ROS map is written, not {output.name}")

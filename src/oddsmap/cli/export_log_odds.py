@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
+from oddsmap.cli.files import check_files
 from oddsmap.cli.undecided import undecided_in_plane, undecided_in_points
+from oddsmap.cli.written import Written
 
 if TYPE_CHECKING:
     from oddsmap.maps.probability_map import ProbabilityMap
@@ -24,9 +24,7 @@ _OF_SPACE = (".bt", ".ot", ".ply")
 _OF_PLANE = (".yaml", ".yml", ".png")
 
 
-def write_log_odds(
-    source: Path, output: Path, options: Mapping[str, Any], force: bool
-) -> list[Path]:
+def write_log_odds(source: Path, output: Path, options: Mapping[str, Any], force: bool) -> Written:
     """Write the probabilities of a map: as its suffix says.
 
     Args:
@@ -36,7 +34,7 @@ def write_log_odds(
         force: whether to replace existing files.
 
     Returns:
-        The files that were written.
+        What was written.
 
     Raises:
         OddsmapError: an option does not fit the map or the file, or one cannot be read or written.
@@ -50,12 +48,16 @@ def write_log_odds(
     heights = options.keys() & {"z_min", "z_max", "ground"}
     if suffix not in _OF_PLANE and heights:
         raise ConfigError(f"--z-min, --z-max, --ground make a 2D map, not {output.name}")
-    view = _open(source, **{name: options.get(name) for name in ("prior", "p_hit", "p_miss")})
+    number, prior_file = _prior_of(options.get("prior"), source)
+    rates = {name: options.get(name) for name in ("p_hit", "p_miss")}
+    _check_values(options, number)
+    check_files([source, prior_file], output, force=force)
+    view = _open(source, number if prior_file is None else prior_file, rates)
     if suffix == ".npz":
         _save_npz(view, output, force=force)
     elif suffix == ".ply":
         view.save_ply(output, force=force)
-        _say(undecided_in_points(view))
+        return Written([output], undecided_in_points(view))
     elif suffix in _OF_SPACE:
         view.save_octomap(output, clamp=clamp, force=force)
     else:
@@ -71,18 +73,25 @@ def write_log_odds(
 
             mode = options.get("mode", "trinary")
             written = save_ros(grid, output, mode=mode, thresholds=thresholds, force=force)
-            _say(undecided_in_plane(grid, thresholds, view) if mode == "trinary" else None)
-            return list(written)
-    return [output]
+            note = undecided_in_plane(grid, thresholds, view) if mode == "trinary" else None
+            return Written(list(written), note)
+    return Written([output])
 
 
-def _say(note: str | None) -> None:
-    if note is not None:
-        typer.echo(f"note     {note}")
+def _check_values(options: Mapping[str, Any], prior: float | None) -> None:
+    """Refuse probabilities and heights that are right for no map, before one is loaded."""
+    from oddsmap.errors import ConfigError
+    from oddsmap.evidence_map import EvidenceMap
+
+    rates = {name: options.get(name) for name in ("p_hit", "p_miss", "clamp")}
+    EvidenceMap(1.0).log_odds(prior=prior, **rates)
+    low, high = options.get("z_min"), options.get("z_max")
+    if low is not None and high is not None and not low < high:
+        raise ConfigError(f"--z-min has to lie below --z-max, got {low:g} and {high:g}")
 
 
 def _open(
-    source: Path, *, prior: str | None, p_hit: float | None, p_miss: float | None
+    source: Path, prior: float | Path | None, rates: Mapping[str, float | None]
 ) -> Belief | VoxelMap:
     from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import load_map
@@ -92,29 +101,25 @@ def _open(
     from oddsmap.maps.voxel_map import load_octomap
 
     kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
-    if kind is not None and (prior, p_hit, p_miss) != (None, None, None):
+    if kind is not None and (prior, *rates.values()) != (None, None, None):
         raise ConfigError(
             f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those"
         )
     if kind is not None:
         return load_octomap(source) if is_octomap(source) else load_full_map(source)
     grid = load_map(source)
-    belief = None if prior is None else _prior(prior, source)
-    return grid.log_odds(p_hit=p_hit, p_miss=p_miss, prior=belief)
+    belief = _prior_map(prior) if isinstance(prior, Path) else prior
+    return grid.log_odds(prior=belief, **rates)
 
 
-def _prior(text: str, source: Path) -> float | MapLike:
-    """What --prior says: a number, or a map in a file."""
+def _prior_of(text: str | None, source: Path) -> tuple[float | None, Path | None]:
+    """What --prior says: a number, or a file."""
     from oddsmap.errors import ConfigError
-    from oddsmap.evidence.store import is_map
-    from oddsmap.evidence_map import load_map
-    from oddsmap.full_map.store import is_full_map
-    from oddsmap.map_files.octomap_reader import is_octomap
-    from oddsmap.maps.probability_map import load_ros
-    from oddsmap.maps.voxel_map import load_octomap
 
+    if text is None:
+        return None, None
     try:
-        return float(text)
+        return float(text), None
     except ValueError:
         path = Path(text)
     if not path.exists():
@@ -124,9 +129,21 @@ def _prior(text: str, source: Path) -> float | MapLike:
         )
     if path.resolve() == source.resolve():
         raise ConfigError(f"--prior {text}: the map itself; its evidence would count twice")
+    return None, path
+
+
+def _prior_map(path: Path) -> MapLike:
+    from oddsmap.errors import ConfigError
+    from oddsmap.evidence.store import is_map
+    from oddsmap.evidence_map import load_map
+    from oddsmap.full_map.store import is_full_map
+    from oddsmap.map_files.octomap_reader import is_octomap
+    from oddsmap.maps.probability_map import load_ros
+    from oddsmap.maps.voxel_map import load_octomap
+
     if is_full_map(path):
         raise ConfigError(
-            f"--prior {text}: a full map; export it as a ROS map (.yaml, --mode raw), which can be "
+            f"--prior {path}: a full map; export it as a ROS map (.yaml, --mode raw), which can be "
             "a prior"
         )
     if is_map(path):
@@ -136,7 +153,7 @@ def _prior(text: str, source: Path) -> float | MapLike:
     if is_octomap(path):
         return load_octomap(path)
     raise ConfigError(
-        f"--prior {text}: not a map that can be a prior; known: a saved map (.zarr), the .yaml of "
+        f"--prior {path}: not a map that can be a prior; known: a saved map (.zarr), the .yaml of "
         "a ROS map, an OctoMap (.bt, .ot)"
     )
 

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from oddsmap.cli.files import check_files
 from oddsmap.cli.options import flag
+from oddsmap.cli.written import Written
 
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
@@ -22,9 +24,10 @@ Options = Mapping[str, Any]
 _OF_INTERVALS = ("interval-width", "lower", "upper")
 
 
-def write_reflection(source: Path, output: Path, options: Options, force: bool) -> list[Path]:
+def write_reflection(source: Path, output: Path, options: Options, force: bool) -> Written:
     """Write the reflection map, see `oddsmap.posterior.reflection.Reflection`."""
     from oddsmap.errors import ConfigError
+    from oddsmap.evidence_map import EvidenceMap
     from oddsmap.posterior.reflection import Reflection
 
     suffix = output.suffix.lower()
@@ -39,6 +42,8 @@ def write_reflection(source: Path, output: Path, options: Options, force: bool) 
         "beta_a": "a", "beta_b": "b", "threshold": "threshold", "level": "level", "interval": "kind"
     }  # fmt: skip
     arguments = {names[name]: value for name, value in options.items() if name in names}
+    Reflection(EvidenceMap(1.0, votes="beam"), **arguments)  # refuses what is right for no map
+    check_files([source], output, force=force)
     grid = _with_counts(source)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -50,8 +55,9 @@ def write_reflection(source: Path, output: Path, options: Options, force: bool) 
     elif suffix == ".png":
         view.save_png(output, show=options.get("show", "mean"), force=force)
     else:
-        return list(view.save_ros(output, mode=options.get("mode", "scale"), force=force))
-    return [output]
+        mode = options.get("mode", "scale")
+        return Written(list(view.save_ros(output, mode=mode, force=force)))
+    return Written([output])
 
 
 def _check_uses(options: Options, output: Path) -> None:
@@ -69,9 +75,10 @@ def _check_uses(options: Options, output: Path) -> None:
             raise ConfigError(f"{flag(name)} changes {where} alone, not {output.name}")
 
 
-def write_decay(source: Path, output: Path, options: Options, force: bool) -> list[Path]:
+def write_decay(source: Path, output: Path, options: Options, force: bool) -> Written:
     """Write the decay rates, see `oddsmap.posterior.decay_rate.DecayRate`."""
     from oddsmap.errors import ConfigError
+    from oddsmap.evidence_map import EvidenceMap
 
     suffix, show = output.suffix.lower(), options.get("show", "mean")
     if suffix not in (".png", ".npz"):
@@ -85,12 +92,15 @@ def write_decay(source: Path, output: Path, options: Options, force: bool) -> li
             f"--level changes .npz and --show interval-width, lower or upper alone, "
             f"not {output.name}"
         )
-    view = _with_counts(source).decay_rate(level=options.get("level", 0.95))
+    level = options.get("level", 0.95)
+    EvidenceMap(1.0, votes="beam", path_lengths=True).decay_rate(level=level)
+    check_files([source], output, force=force)
+    view = _with_counts(source).decay_rate(level=level)
     if suffix == ".npz":
         view.save_npz(output, force=force)
     else:
         view.save_png(output, show=show, force=force)
-    return [output]
+    return Written([output])
 
 
 def _with_counts(source: Path) -> EvidenceMap:

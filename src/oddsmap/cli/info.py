@@ -3,14 +3,26 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from oddsmap.cli.layout import fitted, screen_width
 from oddsmap.cli.log_options import LogOptions
-from oddsmap.cli.options import Columns, PointsIn, Poses, SkipBad, json_option
+from oddsmap.cli.options import (
+    Columns,
+    PointsIn,
+    Poses,
+    Quiet,
+    SkipBad,
+    Verbose,
+    json_option,
+)
+from oddsmap.cli.progress import progress_of_scans, working
+from oddsmap.cli.setting_fields import set_fields
+from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
@@ -38,45 +50,96 @@ def info(
     columns: Columns = None,
     skip_bad: SkipBad = False,
     as_json: Annotated[bool, json_option("the facts")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Say what is in a log or in a map: see `HELP`."""
+    from oddsmap.cli.files import check_files
+
+    voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
+    check_files([path, poses], force=False)
+    options = LogOptions(poses=poses, points_in=points_in, columns=columns, skip_bad=skip_bad)
+    facts = _facts(path, options, quiet=voice.still)
+    voice.facts(facts)
+    for line in _lines(facts, all_settings=verbose):
+        voice.say(fitted(line, screen_width()))
+
+
+def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any]:
     from oddsmap.evidence.store import is_map
-    from oddsmap.full_map.full_map import load_full_map
     from oddsmap.full_map.store import is_full_map
     from oddsmap.map_files.octomap_reader import is_octomap
-    from oddsmap.maps.voxel_map import load_octomap
 
-    if is_map(path):
-        from oddsmap.evidence_map import load_map
+    with working(f"reading {path}", quiet=quiet, compiles=False):
+        if is_map(path):
+            from oddsmap.evidence_map import load_map
 
-        facts = _of_map(load_map(path), path)
-    elif is_full_map(path):
-        facts = _of_full_map(load_full_map(path), path)
-    elif is_octomap(path):
-        facts = _of_octomap(load_octomap(path), path)
-    else:
-        options = LogOptions(poses=poses, points_in=points_in, columns=columns, skip_bad=skip_bad)
-        facts = _of_log(options.open(path))
-    if as_json:
-        typer.echo(json.dumps(facts))
-        return
+            return _of_map(load_map(path), path)
+        if is_full_map(path):
+            from oddsmap.full_map.full_map import load_full_map
+
+            return _of_full_map(load_full_map(path), path)
+        if is_octomap(path):
+            from oddsmap.maps.voxel_map import load_octomap
+
+            return _of_octomap(load_octomap(path), path)
+        log = log_options.open(path)
+    with progress_of_scans("reading", log.scan_count, quiet=quiet, compiles=False) as progress:
+        return _of_log(log, progress)
+
+
+def _lines(facts: dict[str, Any], *, all_settings: bool) -> Iterator[str]:
+    """A label and a text each; where a fact has several lines, the label stands in the first."""
     for name, value in facts.items():
-        for i, line in enumerate(_lines(value)):
-            typer.echo(f"{name if i == 0 else '':<12} {line}")
+        label = name
+        for line in _texts(name, value, all_settings=all_settings):
+            yield f"{label:<12} {line}"
+            label = ""
 
 
-def _lines(value: Any) -> list[str]:
+def _texts(name: str, value: Any, *, all_settings: bool) -> list[str]:
+    if name == "config":
+        rest = [] if all_settings else ["(all others as oddsmap config lists them)"]
+        return _settings(value, all_settings=all_settings) + rest
+    if name == "resolution":
+        return [f"{_word(value)} m"]
+    if name == "made from":
+        return [text for entry in value for text in _source(entry, all_settings=all_settings)]
     if isinstance(value, dict):
         return [f"{key} {_word(item)}" for key, item in value.items()] or ["none"]
-    if isinstance(value, list) and value and isinstance(value[0], str | dict):
-        return [line for item in value for line in (_lines(item) if item else [])]
+    if isinstance(value, list) and value and isinstance(value[0], str):
+        return value
     return [_word(value)]
+
+
+def _settings(config: dict[str, Any], *, all_settings: bool) -> list[str]:
+    """What of a configuration is not the default, or all of it."""
+    stated = set_fields(config)
+    if all_settings:
+        stated = {
+            f"{section}.{key}": item for section in config for key, item in config[section].items()
+        }
+    return [f"{key} = {_word(item)}" for key, item in stated.items()]
+
+
+def _source(entry: dict[str, Any], *, all_settings: bool) -> list[str]:
+    """What a map was made from: one entry of its provenance."""
+    entry = dict(entry)
+    skipped, sensor = entry.pop("skipped", {}), entry.pop("sensor", {})
+    source = entry.pop("source", None) or "scans without a file"
+    counts = [f"{_word(entry.pop(key))} {key}" for key in ("scans", "beams") if key in entry]
+    lines = [": ".join([str(source), ", ".join(counts)]) if counts else str(source)]
+    lines += [f"  skipped {_word(count)} x {reason}" for reason, count in skipped.items()]
+    if sensor:
+        stated = _settings({"sensor": sensor}, all_settings=all_settings)
+        lines += [f"  {line}" for line in stated]
+    return lines + [f"  {key} {_word(item)}" for key, item in entry.items()]
 
 
 def _word(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{key} {_word(item)}" for key, item in value.items()) or "none"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return " to ".join(_word(item) for item in value)
     if isinstance(value, float):
         return f"{value:.6g}"
@@ -85,12 +148,16 @@ def _word(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
 
 
-def _of_log(log: Log) -> dict[str, Any]:
+def _of_log(log: Log, progress: Callable[[int], None]) -> dict[str, Any]:
     import numpy as np
 
-    positions = np.array([scan.map_from_sensor.translation for scan in log])
+    places, beams = [], []
+    for scan in log:
+        places.append(scan.map_from_sensor.translation)
+        beams.append(scan.size)
+        progress(len(beams))
+    positions = np.array(places)
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    beams = [scan.size for scan in log]
     facts: dict[str, Any] = {
         "log": log.path,
         "format": log.format,

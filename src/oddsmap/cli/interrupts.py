@@ -16,16 +16,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from oddsmap.cli import Interrupt
+__all__ = ["Interrupt", "interruptible"]
 
-__all__ = ["interruptible"]
+
+class Interrupt(BaseException):
+    """Ctrl-C. It is no KeyboardInterrupt: the parser of the command line would answer that."""
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Raise `Interrupt` for Ctrl-C while the block runs.
+    """Raise `Interrupt` inside the block for Ctrl-C, and KeyboardInterrupt where it ends.
 
     Where Ctrl-C is ignored (a job in the background), or somebody else handles it, it stays so.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C was pressed.
     """
     mine = threading.current_thread() is threading.main_thread()
     if not mine or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -47,7 +52,7 @@ def interruptible() -> Iterator[None]:
     except Interrupt:
         # Now there is an end, and what half-made objects still have to say of theirs is nobody's.
         afterwards, unraisable = signal.SIG_IGN, _say_nothing
-        raise
+        raise KeyboardInterrupt from None
     finally:
         sys.unraisablehook = unraisable
         signal.signal(signal.SIGINT, afterwards)

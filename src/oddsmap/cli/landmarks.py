@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.options import flag, force_option, json_option
+from oddsmap.cli.options import Quiet, Verbose, flag, force_option, json_option
+from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
     from oddsmap.landmarks import LandmarkMap, ObservationTable
@@ -44,44 +44,55 @@ def landmarks(
         Path, typer.Argument(metavar="OBS", help="A .csv or .npz, one row per observation.")
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="OUT", help=".csv, .json (all) or .png")
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            help="What to write: .csv (table), .json (all) or .png (picture).",
+        ),
     ],
     sigma_range: Annotated[
-        float | None, typer.Option(metavar="M", help="Noise of ranges; default 0.1.")
+        float | None, typer.Option(metavar="METRES", help="Noise of ranges, by default 0.1.")
     ] = None,
     sigma_bearing: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Noise of bearings; default 1.")
+        float | None, typer.Option(metavar="DEGREES", help="Noise of bearings, by default 1.")
     ] = None,
     sigma_xy: Annotated[
-        float | None, typer.Option(metavar="M", help="Noise of dx and of dy; default 0.1.")
+        float | None, typer.Option(metavar="METRES", help="Noise of dx and of dy, by default 0.1.")
     ] = None,
     gate: Annotated[
-        float, typer.Option(metavar="P", help="Without id: probability of the gate.")
+        float, typer.Option(metavar="PROBABILITY", help="Without id: probability of the gate.")
     ] = 0.99,
     min_count: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Observations to be reported; 1, or 3 without id."),
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Observations of a landmark to be reported; by default 1, or 3 without id.",
+        ),
     ] = None,
     force: Annotated[bool, force_option("an existing file")] = False,
     as_json: Annotated[bool, json_option("the summary")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Map point landmarks: see `HELP`."""
-    from oddsmap.atomic_write import check_output
-    from oddsmap.errors import ConfigError, InputError
+    from oddsmap.cli.files import check_files, check_suffix
+    from oddsmap.errors import InputError
     from oddsmap.landmarks import LandmarkMap, read_observations
 
-    suffix = output.suffix.lower()
-    if suffix not in (".csv", ".json", ".png"):
-        raise ConfigError(
-            f"{output}: the suffix says what to write: .csv (table), .json (all) or .png "
-            f'(picture); got "{output.suffix}"'
-        )
-    check_output(output, force=force)
-    found = LandmarkMap(gate=gate, min_count=min_count)
-    table = read_observations(observations)
-    if output.exists() and output.samefile(observations):
-        raise ConfigError(f"{output}: is the input; give another name to write to")
+    voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     stated = {"sigma_range": sigma_range, "sigma_bearing": sigma_bearing, "sigma_xy": sigma_xy}
+    _check_noise(stated)
+    found = LandmarkMap(gate=gate, min_count=min_count)
+    check_suffix(
+        output,
+        (".csv", ".json", ".png"),
+        "the suffix says what to write: .csv (table), .json (all) or .png (picture)",
+    )
+    check_files([observations], output, force=force)
+    table = read_observations(observations)
     noise = _noise(table, stated)
     in_radians = {**noise}
     if "sigma_bearing" in noise:
@@ -91,16 +102,22 @@ def landmarks(
     facts = _facts(found, table, noise, output)
     if not facts["landmarks"]:
         raise InputError(f"{observations}: {_why_none(found, table)}")
-    if suffix == ".png":
+    if output.suffix.lower() == ".png":
         from oddsmap.landmarks.picture import save_landmarks_png
 
         save_landmarks_png(found.landmarks, output, trajectory=table.poses[:, :2], force=force)
     else:
         found.save(output, force=force)
-    if as_json:
-        typer.echo(json.dumps(facts))
-    else:
-        _say(facts)
+    voice.facts(facts)
+    _say(voice, facts)
+
+
+def _check_noise(stated: dict[str, float | None]) -> None:
+    from oddsmap.errors import ConfigError
+
+    for name, value in stated.items():
+        if value is not None and not 0.0 < value < math.inf:
+            raise ConfigError(f"{flag(name)} {value:g}: a standard deviation is positive")
 
 
 def _noise(table: ObservationTable, stated: dict[str, float | None]) -> dict[str, float]:
@@ -112,8 +129,6 @@ def _noise(table: ObservationTable, stated: dict[str, float | None]) -> dict[str
             raise ConfigError(
                 f"{flag(name)}: {table.path} has {table.kind} observations, without it"
             )
-        if value is not None and not 0.0 < value < math.inf:
-            raise ConfigError(f"{flag(name)} {value:g}: a standard deviation is positive")
     noise = {}
     for name in needs:
         value = stated[name]
@@ -155,8 +170,8 @@ def _why_none(found: LandmarkMap, table: ObservationTable) -> str:
     return "no landmark: none of the observations is usable"
 
 
-def _say(facts: dict[str, Any]) -> None:
-    say = typer.echo
+def _say(voice: Voice, facts: dict[str, Any]) -> None:
+    say = voice.say
     say(
         f"used     {facts['scans']:,} scans, {facts['observations']:,} {facts['kind']} observations"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps
+from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps, working
 from oddsmap.cli.summary import facts_of, facts_of_full_map
 
 if TYPE_CHECKING:
@@ -53,7 +53,8 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
             total.compile_s += report.compile_s
             total.read_s += report.read_s
     _note_held_out(evidence.provenance, opened.logs)
-    evidence.save(plan.output, force=plan.force)
+    with working(f"saving {plan.output}", quiet=plan.quiet):
+        evidence.save(plan.output, force=plan.force)
     return facts_of(evidence, plan.output), total
 
 
@@ -91,12 +92,15 @@ def _full_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
             "differs with --config or --set, or map them one by one"
         )
     estimator = FullMapEstimator(config, threads=plan.threads)
-    for part in opened.logs:
-        estimator.add_log(part.log)
+    with working("reading", quiet=plan.quiet) as say:
+        for part in opened.logs:
+            say(f"reading {part.log.path}")
+            estimator.add_log(part.log)
     with progress_of_sweeps(config.full_map.sweeps, quiet=plan.quiet) as advance:
         full_map = estimator.estimate(advance)
     _note_held_out(full_map.provenance, opened.logs)
-    full_map.save(plan.output, force=plan.force)
+    with working(f"saving {plan.output}", quiet=plan.quiet):
+        full_map.save(plan.output, force=plan.force)
     return facts_of_full_map(full_map, plan.output), estimator.report
 
 

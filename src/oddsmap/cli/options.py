@@ -19,12 +19,14 @@ __all__ = [
     "Columns",
     "PointsIn",
     "Poses",
+    "Quiet",
     "Resolution",
     "Settings",
     "SkipBad",
     "Threads",
     "Times",
     "Tolerance",
+    "Verbose",
     "config_option",
     "flag",
     "force_option",
@@ -33,44 +35,87 @@ __all__ = [
 ]
 
 Resolution = Annotated[
-    float | None, typer.Option("--resolution", metavar="M", help="Side of a cell in metres.")
+    float | None,
+    typer.Option(
+        "--resolution",
+        metavar="METRES",
+        help="Side of a cell; required, here or as map.resolution.",
+    ),
 ]
 
 Threads = Annotated[
     int | None,
-    typer.Option("--threads", metavar="N", min=1, help="Default: all cores. Changes no bit."),
+    typer.Option(
+        "--threads",
+        metavar="N",
+        min=1,
+        help="How many work; by default all cores. Changes no bit.",
+    ),
 ]
+
+
+def _fields(incomplete: str) -> list[str]:
+    """What --set may begin with, for the completion of the shell."""
+    from oddsmap.cli.setting_fields import all_fields
+
+    names = {f"{field.section}.{field.name}=" for field in all_fields()}
+    return sorted(name for name in names if name.startswith(incomplete))
+
 
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Any field; may be repeated."),
+    typer.Option(
+        "--set",
+        metavar="SECTION.FIELD=VALUE",
+        help="Set any field that oddsmap config lists; may be repeated.",
+        autocompletion=_fields,
+    ),
 ]
 
 # How a log is read; see `oddsmap.cli.log_options`.
 
 Poses = Annotated[
     Path | None,
-    typer.Option("--poses", metavar="FILE", help="KITTI or TUM poses of a folder of scans."),
+    typer.Option(
+        "--poses",
+        metavar="FILE",
+        help="KITTI or TUM poses of a folder of scans; by default the file of poses in it.",
+    ),
 ]
 
 Times = Annotated[
     Path | None,
-    typer.Option("--times", metavar="FILE", help="Stamps of a folder of scans, in seconds."),
+    typer.Option(
+        "--times",
+        metavar="FILE",
+        help="Stamps of a folder of scans, a number of seconds a line; by default times.txt in it.",
+    ),
 ]
 
 Tolerance = Annotated[
     float,
-    typer.Option("--tolerance", metavar="S", help="How far a pose may be from a scan's stamp."),
+    typer.Option(
+        "--tolerance", metavar="SECONDS", help="How far a pose may be from a scan's stamp."
+    ),
 ]
 
 BodyFromSensor = Annotated[
     str | None,
-    typer.Option("--body-from-sensor", metavar="'X Y Z QX QY QZ QW'", help="Where it sits."),
+    typer.Option(
+        "--body-from-sensor",
+        metavar="'X Y Z QX QY QZ QW'",
+        help="Where the sensor sits on the body that the poses are of [metres, quaternion]; by "
+        "default the poses are the sensor's.",
+    ),
 ]
 
 Camera = Annotated[
     str | None,
-    typer.Option("--camera", metavar="'FX FY CX CY W H'", help="Of depth images [pixels]."),
+    typer.Option(
+        "--camera",
+        metavar="'FX FY CX CY W H'",
+        help="Intrinsics of depth images [pixels]; by default those in the folder.",
+    ),
 ]
 
 PointsIn = Annotated[
@@ -87,10 +132,19 @@ SkipBad = Annotated[
     bool, typer.Option("--skip-bad", help="Use the readable part of a damaged file.")
 ]
 
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print errors alone, and what --json prints.")
+]
+
+Verbose = Annotated[
+    bool,
+    typer.Option("--verbose", "-v", help="Print details too, and where unexpected errors arise."),
+]
+
 
 def config_option(meaning: str) -> Any:
     """`--config FILE.toml`; `meaning` says what the command looks at."""
-    return typer.Option("--config", metavar="FILE.toml", help=meaning)
+    return typer.Option("--config", metavar="FILE.toml", help=f"Settings from a file: {meaning}.")
 
 
 def force_option(what: str) -> Any:

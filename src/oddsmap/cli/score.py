@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,15 +17,19 @@ from oddsmap.cli.options import (
     Columns,
     PointsIn,
     Poses,
+    Quiet,
     Settings,
     SkipBad,
     Times,
     Tolerance,
+    Verbose,
     config_option,
     force_option,
     json_option,
 )
+from oddsmap.cli.progress import progress_of_scans, working
 from oddsmap.cli.setting_layers import read_layers
+from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
     from oddsmap.config.config import Config
@@ -58,7 +61,8 @@ def score(
         bool, typer.Option("--held-out", help="Only the scans that `build --hold-out` kept back.")
     ] = False,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE.png", help="Draw the reliability curve.")
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Draw the reliability curve; by default no picture."),
     ] = None,
     poses: Poses = None,
     times: Times = None,
@@ -67,16 +71,20 @@ def score(
     camera: Camera = None,
     points_in: PointsIn = None,
     columns: Columns = None,
-    config: Annotated[Path | None, config_option("Another sensor model: section sensor.")] = None,
+    config: Annotated[Path | None, config_option("another sensor model, section sensor")] = None,
     settings: Settings = None,
     skip_bad: SkipBad = False,
     force: Annotated[bool, force_option("an existing picture")] = False,
     as_json: Annotated[bool, json_option("the scores")] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Score a map: see `HELP`."""
+    from oddsmap.cli.files import check_files, check_suffix
     from oddsmap.scans.split_log import hold_out
     from oddsmap.scoring.held_out import score_map
 
+    voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     log_options = LogOptions(
         poses=poses,
         times=times,
@@ -89,36 +97,27 @@ def score(
     )
     layers = read_layers(config, settings)
     layers.check_sections("score", "sensor")
-    _check_picture(plot, force=force)
-    belief, stored, provenance = _load(grid)
+    layers.check_values()
+    if plot is not None:
+        check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
+    check_files([grid, log, poses, times], plot, force=force)
+    with working(f"loading {grid}", quiet=voice.still):
+        belief, stored, provenance = _load(grid)
     whole = log_options.open(log)
     every = _held_out_of(provenance, grid, log) if held_out else None
     part = whole if every is None else hold_out(whole, every)[1]
     sensor = layers.resolve_above(stored, whole).sensor
-    scores = score_map(belief, part, sensor)
+    with progress_of_scans("scoring", part.scan_count, quiet=voice.still) as progress:
+        scores = score_map(belief, part, sensor, progress=progress)
     if plot is not None:
         _draw(scores, plot, grid, force=force)
     if any(entry.get("source") == log.name for entry in provenance):
         if not held_out:
-            typer.echo(f"{log}: {_TOO_GOOD}", err=True)
+            voice.note(log, _TOO_GOOD, err=True)
     elif doubt := doubt_of_sensor(whole, sensor, layers):
-        typer.echo(f"{log}: {doubt}", err=True)
-    if as_json:
-        facts = {"map": str(grid), "log": str(log), "held_out_every": every, **_facts(scores)}
-        typer.echo(json.dumps(facts))
-    else:
-        _say(scores)
-
-
-def _check_picture(plot: Path | None, *, force: bool) -> None:
-    from oddsmap.atomic_write import check_output
-    from oddsmap.errors import ConfigError
-
-    if plot is None:
-        return
-    if plot.suffix.lower() != ".png":
-        raise ConfigError(f"{plot}: a picture must have a name that ends in .png")
-    check_output(plot, force=force)
+        voice.note(log, doubt, err=True)
+    voice.facts({"map": str(grid), "log": str(log), "held_out_every": every, **_facts(scores)})
+    _say(voice, scores)
 
 
 def _draw(scores: LogScores, plot: Path, grid: Path, *, force: bool) -> None:
@@ -178,8 +177,8 @@ def _facts(scores: LogScores) -> dict[str, Any]:
     }
 
 
-def _say(scores: LogScores) -> None:
-    say = typer.echo
+def _say(voice: Voice, scores: LogScores) -> None:
+    say = voice.say
     say(f"scored    {scores.scans:,} scans, {scores.beams:,} beams, {scores.no_returns:,} of them "
         "no-returns")  # fmt: skip
     for reason, count in sorted(scores.skipped.items()):

@@ -9,7 +9,14 @@ if TYPE_CHECKING:
     from oddsmap.config.config import Config
     from oddsmap.scans.log import Log
 
-__all__ = ["check_width", "may_be_called", "sensor_name", "sensor_names"]
+__all__ = [
+    "check_name",
+    "check_width",
+    "complete_sensor",
+    "may_be_called",
+    "sensor_name",
+    "sensor_names",
+]
 
 
 def sensor_names() -> dict[str, str]:
@@ -17,6 +24,27 @@ def sensor_names() -> dict[str, str]:
     from oddsmap.sensors.registry import NAMES
 
     return NAMES
+
+
+def complete_sensor(incomplete: str) -> list[str]:
+    """The names that may be meant, for the completion of the shell."""
+    return [name for name in sensor_names() if name.startswith(incomplete)]
+
+
+def check_name(stated: str | None) -> None:
+    """Refuse what no sensor is called.
+
+    Raises:
+        ConfigError: --sensor says so.
+    """
+    from oddsmap.errors import ConfigError, did_you_mean
+
+    known = sensor_names()
+    if stated is not None and stated not in known:
+        raise ConfigError(
+            f"--sensor {stated}: not available, {did_you_mean(stated, known)}"
+            f"(known: {', '.join(known)})"
+        )
 
 
 def sensor_name(log: Log, config: Config) -> str:

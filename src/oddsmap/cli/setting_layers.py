@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,12 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from oddsmap.config.config import Config
+    from oddsmap.errors import ConfigError
     from oddsmap.scans.log import Log
 
 __all__ = ["Layer", "SettingLayers", "read_layers"]
 
 Layer = Mapping[str, Mapping[str, Any]]
 """Section -> field -> value."""
+
+# What a log may say of its sensor, where it matters for others that it is said; so large that no
+# setting can be above it.
+_OF_A_LOG = {"range_max": 1e12, "cone_deg": 30.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +92,32 @@ class SettingLayers:
             base["sensor"] = stated_of_sensor(log, kind)
         return resolve(("map", base), *self.layers)
 
+    def check_values(self) -> None:
+        """Refuse what is right for no log, before one is opened.
+
+        What a log may say of its sensor counts as said. Where nobody states the kind of sensor,
+        the settings have to be right for one.
+
+        Raises:
+            ConfigError: a field is unknown, or its value is not possible.
+        """
+        from oddsmap.config.config import resolve
+        from oddsmap.errors import ConfigError
+        from oddsmap.sensors.registry import KINDS
+
+        stated, errors = self.sensor_kind(), []
+        for kind in KINDS if stated is None else [stated]:
+            fields = {field.name for field in dataclasses.fields(KINDS[kind])}
+            said = {name: value for name, value in _OF_A_LOG.items() if name in fields}
+            base = {"map": {"resolution": 1.0}, "sensor": {"kind": kind, **said}}
+            try:
+                resolve(("log", base), *self.layers)
+                return
+            except ConfigError as error:
+                errors.append(error)
+        # The kind that has such a field, or nearly, is the one that is meant.
+        raise max(errors, key=_knows_the_field) from None
+
     def check_sections(self, command: str, *used: str) -> None:
         """Refuse --set of a section that a command does not look at.
 
@@ -127,6 +159,11 @@ class SettingLayers:
                     f"{where}: posterior.prior belongs to --estimator filter, a full map would not "
                     "look at it: set full_map.prior"
                 )
+
+
+def _knows_the_field(error: ConfigError) -> tuple[bool, bool]:
+    said = str(error)
+    return ": no field of " not in said, "did you mean" in said
 
 
 def read_layers(

@@ -3,16 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
-
-import typer
 
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
 
-__all__ = ["facts_of", "facts_of_full_map", "say"]
+__all__ = ["facts_of", "facts_of_full_map", "lines"]
 
 
 def facts_of(evidence: EvidenceMap, output: Path) -> dict[str, Any]:
@@ -55,18 +55,17 @@ def _extent(known: int, grid: EvidenceMap | FullMap, output: Path) -> dict[str, 
     }
 
 
-def say(facts: dict[str, Any]) -> None:
-    """Say in words what `oddsmap build` has done."""
-    line = typer.echo
-    line(f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
+def lines(facts: dict[str, Any]) -> Iterator[str]:
+    """What `oddsmap build` has done, in words."""
+    yield (f"used     {facts['scans']:,} scans, {facts['beams']:,} beams")
     if facts.get("held_out") is not None:
-        line(f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
+        yield (f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
     for reason, count in sorted(facts["skipped"].items()):
-        line(f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
+        yield (f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
     flat = "area_m2" in facts
     seen = f"{facts['area_m2']:,.1f} square" if flat else f"{facts['volume_m3']:,.1f} cubic"
-    line(f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
-    line(
+    yield (f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
+    yield (
         f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "
         f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
     )
@@ -74,14 +73,12 @@ def say(facts: dict[str, Any]) -> None:
         moving, unit, more = _MOVING[facts["method"]]
         state = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
         residual = f"{facts['residual']:.2g}{unit}"
-        line(f"sweeps   {facts['sweeps']}, {moving} {state} (residual {residual})")
+        yield (f"sweeps   {facts['sweeps']}, {moving} {state} (residual {residual})")
     output = facts["output"]
-    line(f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
-    stem = Path(output).with_suffix("")
-    if flat:
-        line(f"next     oddsmap export {output} {stem}.png    (or {stem}.yaml for ROS)")
-    else:
-        line(f"next     oddsmap export {output} {stem}.ply    (or .bt; .png with --z-min, --z-max)")
+    yield (f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
+    picture = Path(output).with_suffix(".png" if flat else ".ply")
+    others = "or .yaml for ROS" if flat else "or .bt; .png with --z-min, --z-max"
+    yield (f"next     oddsmap export {quote(output)} {quote(str(picture))}    ({others})")
 
 
 # Of each method of a full map: what moves, the unit of its residual, and what gives it more time.

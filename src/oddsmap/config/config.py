@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 import tomllib
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from oddsmap.config.full_map import FullMapConfig
-from oddsmap.errors import ConfigError
+from oddsmap.errors import ConfigError, did_you_mean
 from oddsmap.odds import Thresholds
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.registry import KINDS, Sensor
@@ -27,7 +26,8 @@ class MapConfig:
 
     Args:
         resolution: side of a cell [m].
-        votes: "scan" (at most one vote per cell and scan) or "beam" (every beam votes).
+        votes: "scan" (at most one vote per cell and scan) or "beam" (every beam votes); a
+            map of cones has "beam" where nobody sets it.
         half_life: after this time evidence weighs half [s]; None: it never fades. A scan of time
             t votes with the weight 2^(-(t_ref - t) / half_life).
         t_ref_ns: the time t_ref at which evidence weighs 1, that of the last scan or later [ns];
@@ -262,8 +262,7 @@ def _is_corner(value: object) -> bool:
 
 def _known(name: str, names: Mapping[str, object], where: str, what: str) -> None:
     if name not in names:
-        near = difflib.get_close_matches(name, names, 1, 0.5)
-        hint = f'did you mean "{near[0]}"? ' if near else ""
         raise ConfigError(
-            f'{where}: no {what} is called "{name}"; {hint}(known: {", ".join(names)})'
+            f'{where}: no {what} is called "{name}"; {did_you_mean(name, names)}'
+            f"(known: {', '.join(names)})"
         )

@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
+from oddsmap.cell_index import indices_in
 from oddsmap.config.config import Config
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
@@ -86,10 +87,10 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
         stored.append((evidence.lengths, slice(PASSES, PASSES + 1), _LENGTHS))
     with new_folder(Path(path), shape, force=force) as folder:
         for tiles, channels, texts in stored:
-            max_units, whole = _largest(tiles)
-            unit = ONE if whole else 1
+            census = tiles.census()
+            unit = ONE if census.whole_votes else 1
             # By name: Zarr knows one uint64.
-            dtype = np.dtype(np.min_scalar_type(max_units // unit).str)
+            dtype = np.dtype(np.min_scalar_type(census.largest // unit).str)
             arrays = [
                 folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
                 for name, text in texts.items()
@@ -118,14 +119,6 @@ def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray)
     }
 
 
-def _largest(tiles: TileStore) -> tuple[int, bool]:
-    max_units, fraction = 0, 0
-    for _, units in tiles.chunks():
-        max_units = max(max_units, int(units.max(initial=0)))
-        fraction |= int(np.bitwise_or.reduce(units & (ONE - 1), axis=None))
-    return max_units, fraction == 0
-
-
 def _shards_of(tiles: TileStore, shard: int, lo: IntArray, hi: IntArray) -> IntArray:
     # Every shard that a tile reaches into (a tile's side need not divide a shard's) and that has
     # known cells.
@@ -147,8 +140,8 @@ def read_map(
     hi: npt.ArrayLike | None = None,
 ) -> E:
     """Read evidence that `save_map` wrote, as that class: see `oddsmap.load_map`."""
-    box_lo = np.asarray(lo, np.int64) if lo is not None else None
-    box_hi = np.asarray(hi, np.int64) if hi is not None else None
+    box_lo = indices_in(lo) if lo is not None else None
+    box_hi = indices_in(hi) if hi is not None else None
     evidence = read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
     if box_lo is not None or box_hi is not None:
         nothing = np.zeros(evidence.ndim, np.int64)

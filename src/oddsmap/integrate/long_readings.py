@@ -44,6 +44,7 @@ def with_readings(
     many = int(np.count_nonzero(z > longest / 2))
     doubt = "; ranges are metres, are these millimetres?" if median > _NOT_METRES else ""
     return MapTooLargeError(
-        f"{error} (here half of the readings are above {in_metres(median)} m, {many:,} of {len(z):,} "
-        f"above {in_metres(longest / 2)} m, and the longest is {in_metres(longest)} m{doubt})"
+        f"{error} (here half of the readings are above {in_metres(median)} m, "
+        f"{many:,} of {len(z):,} above {in_metres(longest / 2)} m, "
+        f"and the longest is {in_metres(longest)} m{doubt})"
     )

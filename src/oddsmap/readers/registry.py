@@ -32,7 +32,7 @@ from oddsmap.readers.plain_text import refuse_utf16, without_bom
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.log import Log
 
-__all__ = ["READERS", "Reader", "open_log"]
+__all__ = ["READERS", "Reader", "known_formats", "open_log"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +141,18 @@ def open_log(
         if reader.matches(without_bom(source).head):
             return reader.open(without_bom(source), options)
     refuse_utf16(source.path, source.head)
-    *names, last = (reader.name for reader in READERS)
     raise InputError(
         f"{source.path}: unknown file type (it starts with {source.content[:16]!r}): "
-        f"oddsmap reads {', '.join(names)} and {last}, plain or compressed with gzip or bzip2; "
-        "KITTI .bin scans and depth images as a folder"
+        f"oddsmap reads {known_formats()}"
+    )
+
+
+def known_formats() -> str:
+    """What is read, for people."""
+    *names, last = (reader.name for reader in READERS)
+    return (
+        f"{', '.join(names)} and {last}, plain or compressed with gzip or bzip2; KITTI .bin scans "
+        "and depth images as a folder"
     )
 
 

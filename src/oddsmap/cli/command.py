@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the parser of the command line does for each command beyond its own."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from typer.core import TyperCommand
+
+__all__ = ["Command"]
+
+# Which word was none of those that an option takes: the parser says it, and keeps it nowhere.
+_NOT_ONE_OF = re.compile(r"^'(.*)' is not one of ")
+
+
+class Command(TyperCommand):
+    """A command whose help names what there is, and which knows what a mistyped word may mean."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Fill in `{sensors}` and `{formats}`: they are asked for when a page needs them."""
+        self.help = _filled(self.help)
+        for parameter in self.params:
+            parameter.help = _filled(getattr(parameter, "help", None))  # type: ignore[attr-defined]
+        super().format_help(ctx, formatter)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As the parser does; a word that is none of several is compared with those."""
+        from oddsmap.errors import did_you_mean
+
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:  # the parser's own errors, of which there is no public name
+            said = _NOT_ONE_OF.match(getattr(error, "message", ""))
+            choices = getattr(getattr(getattr(error, "param", None), "type", None), "choices", ())
+            if said:
+                question = did_you_mean(said[1], choices).strip()
+                error.message = f"{error.message} {question}".strip()  # type: ignore[attr-defined]
+            raise
+
+
+def _filled(text: str | None) -> str | None:
+    if text and "{sensors}" in text:
+        from oddsmap.sensors.registry import NAMES
+
+        *others, last = NAMES
+        text = text.replace("{sensors}", f"{', '.join(others)} or {last}")
+    if text and "{formats}" in text:
+        from oddsmap.readers.registry import known_formats
+
+        text = text.replace("{formats}", known_formats())
+    return text

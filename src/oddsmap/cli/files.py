@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The files that a command is given: the last of what is checked before any work is done.
+
+First what does not go together and what the settings say, then what is to be read, then the name of
+what is to be written, and in the end whether that exists: `--force` is no remedy for a mistake.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+__all__ = ["check_files", "check_suffix"]
+
+
+def check_files(
+    read: Iterable[Path | None],
+    write: Path | None = None,
+    *,
+    force: bool,
+    is_map: bool = False,
+) -> None:
+    """Check that what is read is there, and what is written may be.
+
+    Args:
+        read: files and folders; None: one that is not given.
+        write: the output, if there is one.
+        force: whether it may replace another.
+        is_map: whether it is a map's folder.
+
+    Raises:
+        InputError: there is no such file, or it may not be read.
+        ConfigError: the output is one of the inputs.
+        OutputError: see `check_output`.
+    """
+    from oddsmap.atomic_write import check_output
+    from oddsmap.errors import ConfigError
+    from oddsmap.map_files.zarr_folder import check_map_output
+
+    inputs = [path for path in read if path is not None]
+    for path in inputs:
+        _check_input(path)
+    if write is None:
+        return
+    if write.exists() and any(write.samefile(path) for path in inputs):
+        raise ConfigError(f"{write}: is the input; give another name to write to")
+    (check_map_output if is_map else check_output)(write, force=force)
+
+
+def _check_input(path: Path) -> None:
+    from oddsmap.errors import InputError
+
+    if str(path) == "-":
+        raise InputError("-: standard input is not read; write it to a file and give its name")
+    try:
+        path.stat()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file: check the path") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({why}): check the path") from None
+    if not os.access(path, os.R_OK):
+        raise InputError(
+            f"{path}: cannot be read (Permission denied): check the file and its permissions"
+        )
+
+
+def check_suffix(output: Path, known: Iterable[str], meaning: str) -> None:
+    """Refuse an output whose suffix does not say what to write.
+
+    Args:
+        output: the file to be written.
+        known: the suffixes that do, in lower case.
+        meaning: what they say: the sentence of the message.
+
+    Raises:
+        ConfigError: it is none of them.
+    """
+    from oddsmap.errors import ConfigError, did_you_mean
+
+    suffix = output.suffix.lower()
+    if suffix not in known:
+        question = did_you_mean(suffix, known).strip() if suffix else ""
+        raise ConfigError(f'{output}: {meaning}; got "{output.suffix}" {question}'.strip())
