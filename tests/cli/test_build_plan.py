@@ -27,7 +27,7 @@ def plan(tmp_path: Path, *settings: str) -> BuildPlan:
     [
         (
             ["--sensor", "radar"],
-            'radar: not available, did you mean "lidar2d" or "lidar3d"? (known: lidar2d',
+            'not available, did you mean "lidar2d" or "lidar3d"? (known',
         ),
         (["--sweeps", "3"], "--sweeps belongs to --estimator full-map"),
         (["--estimator", "full-map", "--votes", "scan"], "--votes belongs to --estimator filter"),

@@ -11,7 +11,7 @@ from typer.core import TyperCommand
 __all__ = ["Command"]
 
 # Which word was none of those that an option takes: the parser says it, and keeps it nowhere.
-_NOT_ONE_OF = re.compile(r"^'(.*)' is not one of ")
+_NOT_ONE_OF = re.compile(r"^'(.*)' is not one of (.*)$")
 
 
 class Command(TyperCommand):
@@ -31,11 +31,12 @@ class Command(TyperCommand):
         try:
             return super().parse_args(ctx, args)
         except Exception as error:  # the parser's own errors, of which there is no public name
-            said = _NOT_ONE_OF.match(getattr(error, "message", ""))
-            choices = getattr(getattr(getattr(error, "param", None), "type", None), "choices", ())
+            message = getattr(error, "message", "").removeprefix("Value error, ")
+            said = _NOT_ONE_OF.match(message)
             if said:
-                question = did_you_mean(said[1], choices).strip()
-                error.message = f"{error.message} {question}".strip()  # type: ignore[attr-defined]
+                question = did_you_mean(said[1], re.findall(r"'(.+?)'", said[2])).strip()
+                message = f"{message.removesuffix('.')}; {question}" if question else message
+                error.message = message  # type: ignore[attr-defined]
             raise
 
 

@@ -142,7 +142,7 @@ def _word(value: Any) -> str:
     if isinstance(value, list | tuple):
         return " to ".join(_word(item) for item in value)
     if isinstance(value, float):
-        return f"{value:.6g}"
+        return f"{value:,.0f}" if abs(value) >= 1e5 else f"{value:.6g}"
     if value is None:
         return "not set"
     return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)

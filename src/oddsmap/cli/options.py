@@ -27,6 +27,7 @@ __all__ = [
     "Times",
     "Tolerance",
     "Verbose",
+    "complete_field",
     "config_option",
     "flag",
     "force_option",
@@ -54,8 +55,8 @@ Threads = Annotated[
 ]
 
 
-def _fields(incomplete: str) -> list[str]:
-    """What --set may begin with, for the completion of the shell."""
+def complete_field(incomplete: str) -> list[str]:
+    """The fields that may be meant by --set, for the completion of the shell."""
     from oddsmap.cli.setting_fields import all_fields
 
     names = {f"{field.section}.{field.name}=" for field in all_fields()}
@@ -68,7 +69,7 @@ Settings = Annotated[
         "--set",
         metavar="SECTION.FIELD=VALUE",
         help="Set any field that oddsmap config lists; may be repeated.",
-        autocompletion=_fields,
+        autocompletion=complete_field,
     ),
 ]
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TextIO
 
 import typer
 
@@ -46,8 +46,7 @@ class Voice:
     def say(self, line: str) -> None:
         """A line of the result in words, as wide as the screen; a command is left in one piece."""
         if not self.still:
-            whole = line.startswith("next ") or not sys.stdout.isatty()
-            typer.echo(line if whole else fitted(line, screen_width()))
+            typer.echo(line if line.startswith("next ") else _fitted(line, sys.stdout))
 
     def note(self, where: object, note: str, *, err: bool = False) -> None:
         """What to know before trusting a result.
@@ -61,7 +60,9 @@ class Voice:
             return
         doubt = "warning: " if getattr(note, "severity", "info") == "warning" else ""
         code = f" ({note.code})" if self.verbose and hasattr(note, "code") else ""
-        typer.echo(f"{where}: {doubt}{note}{code}", err=err or self.as_json)
+        err = err or self.as_json
+        line = f"{where}: {doubt}{note}{code}"
+        typer.echo(_fitted(line, sys.stderr if err else sys.stdout), err=err)
 
     def detail(self, line: str) -> None:
         """A line for those who want to know exactly, on stderr."""
@@ -72,3 +73,8 @@ class Voice:
         """The result for programs."""
         if self.as_json:
             typer.echo(json.dumps(facts))
+
+
+def _fitted(line: str, stream: TextIO) -> str:
+    """A line for people: whole where it goes into a file or a pipe."""
+    return fitted(line, screen_width()) if stream.isatty() else line
