@@ -4,8 +4,19 @@
 from __future__ import annotations
 
 import os
+from functools import cache
+from pathlib import Path
 
-__all__ = ["MAX_COORDINATE", "TILE_SIDE", "TOO_LONG", "in_metres", "memory_limit"]
+from oddsmap.errors import InputError
+
+__all__ = [
+    "MAX_COORDINATE",
+    "TILE_SIDE",
+    "TOO_LONG",
+    "check_content_size",
+    "in_metres",
+    "memory_limit",
+]
 
 TOO_LONG = "use a coarser resolution, or range_max where a reading is too long"
 """What to do where one scan spans more than can be held."""
@@ -17,6 +28,8 @@ MAX_COORDINATE = float(1 << 45)
 # 32 x 32 cells: measured best of 16, 32 and 64 for 2D scans at 0.05 m. 8^3 in 3D.
 TILE_SIDE = {2: 32, 3: 8}
 
+_NO_LIMIT = 1 << 62
+
 
 def in_metres(length: float) -> str:
     """A length in four digits, for messages: 14560, not 1.456e+04."""
@@ -24,8 +37,96 @@ def in_metres(length: float) -> str:
 
 
 def memory_limit() -> int:
-    """Bytes that one map may use: 80 % of the machine's memory."""
+    """Bytes that one map may use: 80 % of what the process may have.
+
+    That is the machine's memory, or less where a container (cgroup v1 or v2) or `ulimit` says so.
+    """
+    return int(0.8 * min(_machine_memory(), _container_memory(), _ulimit_memory()))
+
+
+def check_content_size(where: object, size: int, what: str) -> None:
+    """Refuse a file's content that memory could not hold, before it is read or decompressed.
+
+    Raises:
+        InputError: `size` bytes are more than half of `memory_limit`: readers hold it twice.
+    """
+    limit = memory_limit() // 2
+    if size > limit:
+        raise InputError(
+            f"{where}: {what} takes {size / 1e9:.3g} GB, at most {limit / 1e9:.3g} GB fit in "
+            "memory here: split the file, or read it on a machine with more memory"
+        )
+
+
+@cache
+def _machine_memory() -> int:
     try:
-        return int(0.8 * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):  # not a POSIX system
-        return 1 << 62
+        return _NO_LIMIT
+
+
+@cache
+def _container_memory(
+    groups: Path = Path("/proc/self/cgroup"), mounted: Path = Path("/sys/fs/cgroup")
+) -> int:
+    """The smallest limit of the control groups that the process is in, and of their parents.
+
+    Args:
+        groups: lines "0::/path" (version 2) and "4:memory:/path" (version 1).
+        mounted: where their files are. In a container the path may be one of the host's: then the
+            container's own group is mounted at the root, which is the last parent looked at.
+    """
+    limits = [_NO_LIMIT]
+    try:
+        lines = groups.read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return _NO_LIMIT
+    for line in lines:
+        _, controllers, path = [*line.split(":", 2), "", ""][:3]
+        if not controllers:
+            root, name = mounted, "memory.max"
+        elif "memory" in controllers.split(","):
+            root, name = mounted / "memory", "memory.limit_in_bytes"
+        else:
+            continue
+        group = root / path.lstrip("/")
+        for folder in (group, *group.parents):
+            limits.append(_read_limit(folder / name))
+            if folder == root:
+                break
+    return min(limits)
+
+
+def _read_limit(path: Path) -> int:
+    try:
+        limit = int(path.read_text(encoding="ascii"))
+    except (OSError, ValueError):  # no such group, or "max"
+        return _NO_LIMIT
+    return limit if limit > 0 else _NO_LIMIT
+
+
+def _ulimit_memory() -> int:
+    """What `ulimit -v` and `-d` leave beside the interpreter and its libraries."""
+    try:
+        import resource
+    except ImportError:  # not a POSIX system
+        return _NO_LIMIT
+    limits = [_NO_LIMIT]
+    for name in ("RLIMIT_AS", "RLIMIT_DATA"):
+        kind = getattr(resource, name, None)
+        if kind is not None:
+            soft, _ = resource.getrlimit(kind)
+            if soft != resource.RLIM_INFINITY:
+                limits.append(max(0, soft - _address_space()))
+    return min(limits)
+
+
+@cache
+def _address_space() -> int:
+    """Bytes of addresses taken when it is first asked for: programs and libraries, mostly."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError):  # no Linux
+        return 0

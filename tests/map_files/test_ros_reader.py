@@ -47,11 +47,28 @@ class TestModes:
         assert load_ros(path).state().tolist() == [[0, 100]]
 
     def test_state_of_the_file_is_the_default_state(self, tmp_path: Path) -> None:
-        # Free by the file's 0.25, though darker than the default 0.196: as Nav2's own depot map.
-        path = write_map(tmp_path, GREYS, free_thresh=0.25, occupied_thresh=0.6)
+        # Free by the file's 0.25, though darker than the default 0.196.
+        greys = np.where(GREYS == 205, 204, GREYS).astype(np.uint8)
+        path = write_map(tmp_path, greys, free_thresh=0.25, occupied_thresh=0.6)
         grid = load_ros(path)
         assert grid.state().tolist() == [[0, 100, 0], [100, 100, 0]]
         assert np.array_equal(grid.state(Thresholds(0.25, 0.6)), grid.state())
+        assert grid.notes == ()
+
+    def test_what_a_saver_wrote_as_unknown_is_unknown(self, tmp_path: Path) -> None:
+        """Nav2's saver writes 205 and free_thresh 0.25, by which its loader takes 205 for free."""
+        path = write_map(tmp_path, GREYS, free_thresh=0.25)
+        grid = load_ros(path)
+        assert grid.state().tolist() == [[-1, -1, 0], [100, -1, 0]]
+        (note,) = grid.notes
+        assert (note.code, note.severity) == ("ros.unknown_as_free", "warning")
+        assert note.startswith("1 pixels of grey 205 are read as unknown")
+        # Where it is free nowhere, nothing is said; and with colours swapped it has no meaning.
+        assert load_ros(write_map(tmp_path, GREYS)).notes == ()
+        swapped = load_ros(write_map(tmp_path, GREYS, free_thresh=0.25, negate=1))
+        assert swapped.state().tolist() == [[100, -1, 100], [0, -1, 100]]
+        scaled = load_ros(write_map(tmp_path, GREYS, free_thresh=0.25, mode="scale"))
+        assert scaled.observed.all()
 
     def test_scale_runs_between_the_thresholds(self, tmp_path: Path) -> None:
         greys = np.array([[255, 204, 153, 102, 51, 0]], dtype=np.uint8)
@@ -161,7 +178,10 @@ class TestRealMaps:
         assert grid.probability.shape == (307, 604)
         state = grid.state()
         assert np.count_nonzero(state == State.OCCUPIED) == 5947
-        assert np.count_nonzero(state == State.UNKNOWN) == 0  # its 205 is free by its 0.25
+        # Nav2's loader takes them for free, by the 0.25 in the file.
+        unknown = np.count_nonzero(state == State.UNKNOWN)
+        assert grid.notes[0].startswith(f"{unknown} pixels of grey 205 are read as unknown")
+        assert unknown == 8894
 
     def test_turtlebot_world(self, data_folder: Path) -> None:
         grid = load_ros(data_folder / "ros" / "turtlebot3_world.yaml")

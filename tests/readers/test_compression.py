@@ -142,10 +142,13 @@ def test_missing_directory_and_empty_are_told_apart(tmp_path: Path) -> None:
 
 
 def test_an_unreadable_file_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "hall.log"
+    path.touch()
+
     # Tests may run as root, who can read everything.
     def refuse(self: Path) -> bytes:
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "read_bytes", refuse)
     with pytest.raises(InputError, match=r"hall\.log: cannot be read \(Permission denied\): check"):
-        open_source(tmp_path / "hall.log")
+        open_source(path)

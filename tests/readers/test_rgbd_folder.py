@@ -99,7 +99,7 @@ def test_an_image_without_pose_says_both_numbers_or_is_counted(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"\x89PNG\r\n\x1a\n nothing", "not a readable PNG"),
+        (b"\x89PNG\r\n\x1a\n nothing", "the PNG is cut off"),
         (np.zeros((3, 2), np.uint16), "depth image is 2 x 3 pixels, the intrinsics are for 3 x 2"),
         (np.zeros((2, 3), np.uint8), "a L image: depth images are gray with 16 bits"),
     ],

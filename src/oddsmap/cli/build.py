@@ -17,6 +17,7 @@ from oddsmap.cli.options import (
     BodyFromSensor,
     Camera,
     Columns,
+    DepthScale,
     PointsIn,
     Poses,
     Quiet,
@@ -120,6 +121,7 @@ def build(
     camera: Camera = None,
     points_in: PointsIn = None,
     columns: Columns = None,
+    depth_scale: DepthScale = None,
     config: Annotated[
         Path | None, config_option("sections map, sensor, posterior and full_map")
     ] = None,
@@ -147,6 +149,7 @@ def build(
             tolerance=tolerance,
             extrinsics=read_extrinsics(extrinsics),
             camera=read_camera(camera),
+            depth_scale=depth_scale,
             skip_bad=skip_bad,
             points_in=points_in,
             columns=columns,

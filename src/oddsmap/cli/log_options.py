@@ -29,6 +29,7 @@ class LogOptions:
     skip_bad: bool = False
     points_in: PointFrame | None = None
     columns: str | None = None
+    depth_scale: float | None = None
 
     def open(self, path: Path) -> Log:
         """Open a log.
@@ -48,6 +49,7 @@ class LogOptions:
             skip_bad=self.skip_bad,
             points_in=self.points_in,
             columns=self.columns,
+            depth_scale=self.depth_scale,
         )
 
 

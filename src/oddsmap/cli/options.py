@@ -17,6 +17,7 @@ __all__ = [
     "BodyFromSensor",
     "Camera",
     "Columns",
+    "DepthScale",
     "PointsIn",
     "Poses",
     "Quiet",
@@ -127,6 +128,13 @@ PointsIn = Annotated[
 Columns = Annotated[
     str | None,
     typer.Option("--columns", metavar="x,y,z,...", help="The float32 columns of .bin scans."),
+]
+
+DepthScale = Annotated[
+    float | None,
+    typer.Option(
+        "--depth-scale", metavar="N", help="Units of a depth image in a metre; 1000: millimetres."
+    ),
 ]
 
 SkipBad = Annotated[

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from oddsmap.config.full_map import FullMapConfig
-from oddsmap.errors import ConfigError, did_you_mean
+from oddsmap.decoding import decoding
+from oddsmap.errors import ConfigError, did_you_mean, shown
 from oddsmap.odds import Thresholds
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.registry import KINDS, Sensor
@@ -144,6 +145,9 @@ class Config:
         return cls(**{name: kind(**plain.get(name, {})) for name, kind in kinds.items()})
 
 
+# All fields with their comments are some 5 KB.
+_LONGEST_TOML = 1 << 16
+
 _SECTIONS: dict[str, Any] = {
     "map": MapConfig,
     "sensor": Sensor,
@@ -156,7 +160,7 @@ def _check_sections(values: Mapping[str, Mapping[str, Any]], where: str) -> None
     for section, fields in values.items():
         _known(section, _SECTIONS, where, "section")
         if not isinstance(fields, Mapping):
-            raise ConfigError(f"{where}: [{section}] is a section, got {fields!r}")
+            raise ConfigError(f"{where}: [{section}] is a section, got {shown(fields)}")
 
 
 def _sensor_kind(
@@ -164,7 +168,7 @@ def _sensor_kind(
 ) -> type[Sensor]:
     kind = values.get("sensor", {}).get("kind", default.kind)
     if not isinstance(kind, str) or kind not in KINDS:
-        raise ConfigError(f"{where}: sensor.kind is one of {', '.join(KINDS)}, got {kind!r}")
+        raise ConfigError(f"{where}: sensor.kind is one of {', '.join(KINDS)}, got {shown(kind)}")
     return KINDS[kind]
 
 
@@ -203,11 +207,13 @@ def read_toml(path: Path) -> dict[str, Any]:
         ConfigError: it cannot be read, is not TOML, or has an unknown section.
     """
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not a TOML file: {error}") from None
+    if len(content) > _LONGEST_TOML:
+        raise ConfigError(f"{path}: not a configuration: {len(content)} bytes of TOML")
+    with decoding(path, "not a TOML file", "correct it there", ConfigError):
+        values = tomllib.loads(content.decode("utf-8"))
     _check_sections(values, str(path))
     return values
 
@@ -222,10 +228,11 @@ def parse_setting(text: str) -> tuple[str, str, Any]:
     section, dot, name = key.strip().partition(".")
     if not (equals and dot and section and name):
         raise ConfigError(f'--set {text}: needs section.field=value, like "sensor.range_max=30"')
-    try:
-        return section, name, tomllib.loads(f"value = {value.strip()}")["value"]
-    except tomllib.TOMLDecodeError:
-        return section, name, value.strip()
+    with decoding(f"--set {key}", "not a value", "give a number or a word", ConfigError):
+        try:
+            return section, name, tomllib.loads(f"value = {value.strip()}")["value"]
+        except tomllib.TOMLDecodeError:
+            return section, name, value.strip()
 
 
 def _check_field(holder: Any, section: str, name: str, value: object, where: str) -> None:
@@ -235,7 +242,7 @@ def _check_field(holder: Any, section: str, name: str, value: object, where: str
     of = f"[{section}]" if section != "sensor" else f"[sensor] of kind {holder.kind}"
     _known(name, fields, where, f"field of {of}")
     kind = fields[name]
-    number = isinstance(value, int | float) and not isinstance(value, bool)
+    number = _is_number(value)
     fits, wanted = {
         "float": (number, "a number"),
         "float | None": (number or value is None, "a number"),
@@ -249,15 +256,18 @@ def _check_field(holder: Any, section: str, name: str, value: object, where: str
         ),
     }[kind]
     if not fits:
-        raise ConfigError(f"{where}: {section}.{name} is {wanted}, got {value!r}")
+        raise ConfigError(f"{where}: {section}.{name} is {wanted}, got {shown(value)}")
 
 
 def _is_corner(value: object) -> bool:
-    return (
-        isinstance(value, list | tuple)
-        and len(value) in (2, 3)
-        and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value)
-    )
+    return isinstance(value, list | tuple) and len(value) in (2, 3) and all(map(_is_number, value))
+
+
+def _is_number(value: object) -> bool:
+    """Whether it is a number to calculate with: TOML's integers may have any number of digits."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    return isinstance(value, float) or -(2**63) <= value < 2**63
 
 
 def _known(name: str, names: Mapping[str, object], where: str, what: str) -> None:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.errors import MapTooLargeError
+from oddsmap.errors import ConfigError, MapTooLargeError
 from oddsmap.kernels.trace.clip_beams import ScanCells, cell_bounds
 from oddsmap.kernels.trace.hit_region import BeamShape
 from oddsmap.limits import TOO_LONG, in_metres, memory_limit
@@ -33,8 +33,18 @@ def beam_shape(shape: HitShape, resolution: float) -> BeamShape:
 
 
 def cells_near_return(shape: HitShape, resolution: float, d: int) -> int:
-    """Bounds how many cells one beam's occupied region has, or its fading part."""
+    """Bounds how many cells one beam's occupied region has, or its fading part.
+
+    Raises:
+        ConfigError: they are longer than any beam may be.
+    """
     longest = max(2.0 * shape.half_width, shape.fade) / resolution
+    if not longest < _MAX_LENGTH:
+        raise ConfigError(
+            f"a return would be spread over {2.0 * shape.half_width:.3g} m and free space fade "
+            f"over {shape.fade:.3g} m, {longest:.1e} cells of {resolution:g} m: set smaller "
+            "sensor.hit_width, sigma and fade"
+        )
     return d * (math.ceil(longest) + 2) + 1
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.errors import ConfigError, InputError, OddsmapError
+from oddsmap.errors import ConfigError, InputError, OddsmapError, as_line
 from oddsmap.landmarks.association import (
     chi_square_quantile,
     mutual_nearest,
@@ -25,6 +25,11 @@ from oddsmap.poses.pose import Pose2
 
 __all__ = ["LandmarkMap"]
 
+
+# Beyond, no tenth of a millimetre is left of a coordinate [m].
+_FARTHEST = 1e12
+# Ratio of the variances along and across a ray beyond which no matrix of both can be inverted.
+_FLATTEST = 1e12
 
 # How often a landmark must have been seen to be reported, with and without ids.
 _MIN_COUNT = {True: 1, False: 3}
@@ -95,6 +100,7 @@ class LandmarkMap:
         Returns:
             The id of the landmark that each observation went to, or -1, shape (n,). What went to
             none is counted in `skipped`: "observation.nan", "observation.range_not_positive",
+            "observation.out_of_scale" (too far or too near to calculate with),
             "observation.ambiguous" (between the two gates), "observation.unmatched_bearing".
 
         Raises:
@@ -179,10 +185,9 @@ class LandmarkMap:
             return cls.from_dict(content)
         except OddsmapError as error:
             raise InputError(f"{path}: {error}") from None
-        except (ValueError, KeyError, TypeError) as error:
-            raise InputError(
-                f"{path}: a damaged landmark map ({type(error).__name__}: {error}): write it again"
-            ) from None
+        except (ValueError, KeyError, TypeError, OverflowError, AttributeError) as error:
+            reason = as_line(f"{type(error).__name__}: {error}", 100)
+            raise InputError(f"{path}: a damaged landmark map ({reason}): write it again") from None
 
     def to_dict(self) -> dict[str, Any]:
         """All of the map as plain values for JSON; numbers give the same float64 back."""
@@ -253,7 +258,9 @@ class LandmarkMap:
             positive = observations.values[:, 0] > 0.0
             self._skip("observation.range_not_positive", int((usable & ~positive).sum()))
             usable &= positive
-        return np.asarray(usable)
+        in_scale = _in_scale(observations)
+        self._skip("observation.out_of_scale", int((usable & ~in_scale).sum()))
+        return np.asarray(usable & in_scale)
 
     def _associate(self, observations: Observations) -> IntArray:
         degrees = observations.values.shape[1]
@@ -291,6 +298,21 @@ class LandmarkMap:
     def _skip(self, reason: str, count: int) -> None:
         if count:
             self.skipped[reason] += count
+
+
+def _in_scale(observations: Observations) -> npt.NDArray[np.bool_]:
+    """Whether each observation can be calculated with: one of 1e9 m would stop the whole run."""
+    values = observations.values
+    place = np.abs(observations.map_from_sensor.translation).max()
+    near = np.full(len(values), bool(place <= _FARTHEST))
+    if observations.kind == "bearing":
+        return near
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        if observations.kind == "position":
+            return np.asarray(near & (np.abs(values) <= _FARTHEST).all(axis=1))
+        across = observations.covariance[:, 1, 1] * np.square(values[:, 0])
+        ratio = observations.covariance[:, 0, 0] / across
+        return near & (ratio < _FLATTEST) & (ratio > 1.0 / _FLATTEST) & (values[:, 0] <= _FARTHEST)
 
 
 def _anchor(observations: Observations) -> FloatArray:

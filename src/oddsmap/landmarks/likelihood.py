@@ -179,7 +179,9 @@ def _is_crossing(
 
 
 def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray | None:
-    """Solve a symmetric system; None where it is singular."""
+    """Solve a symmetric system; None where it is singular, or has passed all numbers."""
+    if not np.isfinite(matrix).all():
+        return None
     eigenvalues = np.linalg.eigvalsh(matrix)
     if not eigenvalues[0] > _SINGULAR * eigenvalues[-1]:
         return None

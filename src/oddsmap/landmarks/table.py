@@ -41,6 +41,7 @@ _VALUES: dict[Kind, tuple[str, ...]] = {
     "bearing": ("bearing",),
     "position": ("dx", "dy"),
 }
+_LONGEST_ID = 40  # digits; leading zeros among them
 _KNOWN = {*_POSE, "range", "bearing", "dx", "dy", "id", "stamp"}
 _NEEDS = "x, y, theta and either range, bearing or bearing or dx, dy"
 
@@ -252,5 +253,5 @@ def _id(where: str, word: str) -> int:
     if math.isnan(number):
         return NO_ID
     # Not by way of the float, which holds 53 bits; but pandas writes 3.0 where a column has gaps.
-    name = int(word) if word.lstrip("+-").isdecimal() else check_id(where, number)
-    return check_id(where, name)
+    whole = word.lstrip("+-").isdecimal() and len(word) <= _LONGEST_ID
+    return check_id(where, int(word) if whole else number)

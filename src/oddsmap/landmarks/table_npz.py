@@ -3,16 +3,14 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
-import zlib
 from collections.abc import Collection
 
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.errors import InputError
+from oddsmap.errors import InputError, shown
 from oddsmap.readers.compression import Source
+from oddsmap.readers.npz_arrays import load_found_arrays
 
 __all__ = ["NO_ID", "check_id", "is_npz", "read_npz_columns"]
 
@@ -42,17 +40,7 @@ def read_npz_columns(
             integer.
     """
     path = source.path
-    try:
-        with np.load(io.BytesIO(source.content), allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name]) for name in file.files if name in known}
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, KeyError, NotImplementedError) as e:
-        raise InputError(
-            f"{path}: corrupt or truncated NPZ file ({e}): copy or write it again"
-        ) from None
-    except ValueError as e:  # NumPy's word for both a pickle and a damaged array header
-        raise InputError(
-            f"{path}: an array in the NPZ file cannot be read ({e}): write plain arrays of numbers"
-        ) from None
+    arrays = load_found_arrays(source, known)
     count = max((array.size for array in arrays.values()), default=0)
     for name, array in arrays.items():
         if array.shape != (count,) or array.dtype.kind not in "iuf":
@@ -78,5 +66,5 @@ def check_id(where: str, number: float) -> int:
         InputError: not an integer, or one of more than 64 bits.
     """
     if not (abs(number) < 2**63 and number % 1 == 0):
-        raise InputError(f"{where}: the id {number} is not an integer of 64 bits")
+        raise InputError(f"{where}: the id {shown(number)} is not an integer of 64 bits")
     return int(number) if number >= 0 else NO_ID

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.errors import InputError
+from oddsmap.errors import InputError, shown
+from oddsmap.limits import check_content_size
 from oddsmap.map_files.morton import unmorton
 from oddsmap.map_files.octomap_writer import HALF, NODE, OCTOMAP_CLAMP
 from oddsmap.odds import logit
@@ -68,6 +69,7 @@ def read_octomap(path: str | os.PathLike[str]) -> OctoMapLeaves:
     """Read the leaves of an OctoMap: see `oddsmap.load_octomap`."""
     path = Path(path)
     try:
+        check_content_size(path, path.stat().st_size, "the OctoMap")
         content = path.read_bytes()
     except (FileNotFoundError, IsADirectoryError):
         raise InputError(f"{path}: no such file; give the .bt or .ot of an OctoMap") from None
@@ -98,7 +100,7 @@ def _read_header(content: bytes, path: Path) -> _Header:
         raise InputError(f"{path}: the header of the OctoMap lacks {', '.join(missing)}")
     if fields["id"] not in _NODES:
         raise InputError(
-            f"{path}: an OctoMap of type {fields['id']!r}; OcTree and ColorOcTree can be read"
+            f"{path}: an OctoMap of type {shown(fields['id'])}; OcTree and ColorOcTree can be read"
         )
     try:
         size, resolution = int(fields["size"]), float(fields["res"])
@@ -107,7 +109,7 @@ def _read_header(content: bytes, path: Path) -> _Header:
     if size < 0 or not 0.0 < resolution < math.inf:
         raise InputError(
             f"{path}: the header needs a count and a positive resolution [m], "
-            f"got size {fields['size']!r}, res {fields['res']!r}"
+            f"got size {shown(fields['size'])}, res {shown(fields['res'])}"
         )
     return _Header(binary, fields["id"], size, resolution, at)
 

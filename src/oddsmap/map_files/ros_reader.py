@@ -20,8 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.decoding import decoding
+from oddsmap.errors import ConfigError, InputError, shown
+from oddsmap.image_file import read_image
+from oddsmap.limits import check_content_size
 from oddsmap.odds import Thresholds
+from oddsmap.scans.note import Note
 
 __all__ = ["RosGrid", "RosMode", "read_greys", "read_ros"]
 
@@ -30,7 +34,13 @@ RosMode = Literal["trinary", "scale", "raw"]
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 # P5, width, height, largest value, one white space; a comment may stand before each number.
-_PGM_HEADER = re.compile(rb"P5" + rb"(?:\s|#[^\n]*\n)+(\d+)" * 3 + rb"\s")
+_PGM_HEADER = re.compile(rb"P5" + rb"(?:\s|#[^\n]*\n)+(\d{1,12})" * 3 + rb"\s")
+
+# A map's YAML has some 200 bytes.
+_LONGEST_YAML = 1 << 16
+
+# What the savers of map_server and Nav2 write for unknown, whatever the thresholds of the file.
+_SAVED_UNKNOWN = 205.0
 
 
 class RosGrid(NamedTuple):
@@ -41,6 +51,7 @@ class RosGrid(NamedTuple):
     resolution: float
     origin: tuple[float, float]
     yaw: float
+    notes: tuple[Note, ...] = ()
 
 
 def read_ros(path: str | Path) -> RosGrid:
@@ -52,7 +63,9 @@ def read_ros(path: str | Path) -> RosGrid:
         raise InputError(f"{path}: resolution must be positive [m], got {resolution}")
     origin = fields["origin"]
     if not isinstance(origin, list) or len(origin) != 3:
-        raise InputError(f"{path}: origin must be a list [x, y, yaw] of 3 numbers, got {origin!r}")
+        raise InputError(
+            f"{path}: origin must be a list [x, y, yaw] of 3 numbers, got {shown(origin)}"
+        )
     x, y, yaw = (_number(path, "origin", value) for value in origin)
     mode = _mode(path, fields.get("mode", "trinary"))
     try:
@@ -62,10 +75,15 @@ def read_ros(path: str | Path) -> RosGrid:
         )
     except ConfigError as error:
         raise InputError(f"{path}: {error}") from None
+    negate = _negate(path, fields["negate"])
     grey, opaque = _read_image(path, fields["image"])
-    probability, observed = read_greys(
-        grey, mode=mode, thresholds=thresholds, negate=_negate(path, fields["negate"])
-    )
+    probability, observed = read_greys(grey, mode=mode, thresholds=thresholds, negate=negate)
+    notes: list[Note] = []
+    if mode == "trinary" and not negate:
+        saved_unknown = (grey == _SAVED_UNKNOWN) & observed
+        if saved_unknown.any():
+            observed &= ~saved_unknown
+            notes.append(_note_unknown(int(saved_unknown.sum()), thresholds))
     if mode != "raw":
         observed &= opaque
     probability[~observed] = 0.5
@@ -76,6 +94,7 @@ def read_ros(path: str | Path) -> RosGrid:
         resolution=resolution,
         origin=(x, y),
         yaw=yaw,
+        notes=tuple(notes),
     )
 
 
@@ -119,18 +138,26 @@ def read_greys(
     return probability, np.ones(grey.shape, dtype=np.bool_)
 
 
-def _read_fields(path: Path) -> Mapping[str, object]:
-    import yaml
+def _note_unknown(count: int, thresholds: Thresholds) -> Note:
+    return Note(
+        f"{count} pixels of grey 205 are read as unknown, which they are where map_server's saver "
+        f"wrote the map; Nav2's own loader takes them for free, as 50/255 is below free_thresh "
+        f"{thresholds.free:g}: set free_thresh to 0.196",
+        code="ros.unknown_as_free",
+        severity="warning",
+    )
 
+
+def _read_fields(path: Path) -> Mapping[str, object]:
     try:
-        fields = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = path.read_bytes()
     except (FileNotFoundError, IsADirectoryError):
         raise InputError(f"{path}: no such file; give the .yaml of the map") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(
-            f"{path}: not YAML ({reason}); give the .yaml, not the image of the map"
-        ) from None
+    advice = "give the .yaml, not the image of the map"
+    if len(content) > _LONGEST_YAML:
+        raise InputError(f"{path}: not the YAML of a map ({len(content)} bytes): {advice}")
+    with decoding(path, "not YAML", advice):
+        fields = _parse_yaml(content.decode("utf-8-sig"))
     if not isinstance(fields, dict):
         raise InputError(f"{path}: not the YAML of a ROS map: no keys; give the .yaml of the map")
     missing = [key for key in _REQUIRED if fields.get(key) is None]
@@ -140,66 +167,105 @@ def _read_fields(path: Path) -> Mapping[str, object]:
     return fields
 
 
+def _parse_yaml(text: str) -> object:
+    """What plain YAML says: no tags of Python, no aliases, which can stand for billions of values.
+
+    Raises:
+        ValueError: an alias, or a key that is there twice.
+    """
+    import yaml
+
+    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
+        raise ValueError("aliases (*name) have no place in a map")
+    root = yaml.compose(text, yaml.SafeLoader)
+    if isinstance(root, yaml.MappingNode):
+        keys = [key.value for key, _ in root.value if isinstance(key, yaml.ScalarNode)]
+        twice = sorted({key for key in keys if keys.count(key) > 1})
+        if twice:
+            raise ValueError(f"{twice[0]} is there twice")
+    return yaml.safe_load(text)
+
+
 def _number(path: Path, key: str, value: object) -> float:
     # A string as well: PyYAML takes 1e-05, without a point, for text.
     if isinstance(value, int | float | str) and not isinstance(value, bool):
         try:
             number = float(value)
-        except ValueError:
+        except (ValueError, OverflowError):  # an integer beyond all floats
             number = math.nan
         if math.isfinite(number):
             return number
-    raise InputError(f"{path}: {key} must be a finite number, got {value!r}")
+    raise InputError(f"{path}: {key} must be a finite number, got {shown(value)}")
 
 
 def _mode(path: Path, value: object) -> RosMode:
     for mode in get_args(RosMode):
-        if str(value).lower() == mode:
+        if isinstance(value, str) and value.lower() == mode:
             return mode  # type: ignore[no-any-return]
-    raise InputError(f"{path}: mode must be one of {', '.join(get_args(RosMode))}, got {value!r}")
+    modes = ", ".join(get_args(RosMode))
+    raise InputError(f"{path}: mode must be one of {modes}, got {shown(value)}")
 
 
 def _negate(path: Path, value: object) -> bool:
     if isinstance(value, int):  # True and False are integers, too
         return value != 0
-    raise InputError(f"{path}: negate must be 0, 1, true or false, got {value!r}")
+    raise InputError(f"{path}: negate must be 0, 1, true or false, got {shown(value)}")
 
 
 def _read_image(path: Path, name: object) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
     """Read the image of the map at `path`: brightness 0 to 255, and where it is opaque."""
     if not isinstance(name, str) or not name:
-        raise InputError(f"{path}: image must be the name of a file, got {name!r}")
-    image = path.parent / name
-    if not image.is_file():
-        raise InputError(f"{path}: its image {image} does not exist; put it beside the .yaml")
+        raise InputError(f"{path}: image must be the name of a file, got {shown(name)}")
+    image = _find_image(path, name)
     with image.open("rb") as file:
         head = file.read(4096)
     match = _PGM_HEADER.match(head)
     # By hand, as Pillow refuses more than 179 million pixels: 670 m at 0.05 m is more.
     if match and match[3] == b"255":
         width, height = int(match[1]), int(match[2])
-        grey = np.fromfile(image, np.uint8, count=width * height, offset=match.end())
-        if grey.size != width * height:
+        held = image.stat().st_size - match.end()
+        if width * height == 0:
+            raise InputError(f"{image}: announces {width} x {height} pixels: an empty map")
+        if held < width * height:
             raise InputError(
-                f"{image}: announces {width} x {height} pixels, holds {grey.size}; it is cut off"
+                f"{image}: announces {width} x {height} pixels, holds {held}; it is cut off"
             )
+        check_content_size(image, 8 * held, f"a map of {width} x {height} cells")
+        grey = np.fromfile(image, np.uint8, count=width * height, offset=match.end())
         return grey.reshape(height, width).astype(np.float64), np.ones((height, width), np.bool_)
     return _read_with_pillow(image)
 
 
-def _read_with_pillow(
-    image: Path,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    from PIL import Image, UnidentifiedImageError
+def _find_image(path: Path, name: str) -> Path:
+    image = path.parent / name
+    if name.startswith("~") and not image.is_file():
+        with decoding(path, f"its image {shown(name)} is in no known home", "write the whole path"):
+            image = Path(name).expanduser()
+    with decoding(path, f"its image {shown(name)} cannot be looked for", "name a file"):
+        found = image.is_file()
+    if not found:
+        raise InputError(f"{path}: its image {image} does not exist; put it beside the .yaml")
+    return image
 
-    try:
-        with Image.open(image) as opened:
-            if opened.mode.startswith("I"):  # 16 bits per pixel
-                deep = np.asarray(opened, dtype=np.float64) / 257.0
-                return deep, np.ones(deep.shape, dtype=np.bool_)
-            pixels = np.asarray(opened.convert("RGBA"))
-    except UnidentifiedImageError:
-        raise InputError(f"{image}: not an image that can be read; use PGM, PNG or BMP") from None
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise InputError(f"{image}: cannot be read as an image: {error}") from None
+
+def _read_with_pillow(
+    path: Path,
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    check_content_size(path, path.stat().st_size, "an image")
+    image = read_image(path, path.read_bytes())
+    if image.mode == "F":
+        raise InputError(
+            f"{path}: an image of real numbers, whose scale is not known: "
+            "save the map as PGM or PNG, with greys of 8 or 16 bits"
+        )
+    if image.mode.startswith("I"):  # 16 bits per pixel
+        deep = np.asarray(image, dtype=np.float64)
+        if deep.min() < 0.0 or deep.max() > 65535.0:
+            raise InputError(
+                f"{path}: greys of 32 bits, {deep.min():g} to {deep.max():g}, whose scale is not "
+                "known: save the map as PGM or PNG, with greys of 8 or 16 bits"
+            )
+        return deep / 257.0, np.ones(deep.shape, dtype=np.bool_)
+    with decoding(path, "its pixels cannot be read as colours", "save the map as PGM or PNG"):
+        pixels = np.asarray(image.convert("RGBA"))
     return pixels[..., :3].mean(axis=2), pixels[..., 3] == 255

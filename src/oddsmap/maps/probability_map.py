@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from oddsmap.errors import InputError
 from oddsmap.odds import Thresholds
+from oddsmap.scans.note import Note
 
 __all__ = ["ProbabilityMap", "load_ros"]
 
@@ -29,6 +30,7 @@ class ProbabilityMap:
         resolution: side of a cell [m].
         origin: position in the map frame of the lower left corner of cell (0, 0) [m].
         yaw: rotation of the grid about that corner [rad], counter-clockwise.
+        notes: what to know before trusting it, where it was read from a file.
 
     Raises:
         InputError: shapes differ or the resolution is not positive.
@@ -39,6 +41,7 @@ class ProbabilityMap:
     resolution: float
     origin: tuple[float, float] = (0.0, 0.0)
     yaw: float = 0.0
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         if self.probability.ndim != 2 or self.probability.shape != self.observed.shape:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from oddsmap.errors import InputError
+from oddsmap.limits import check_content_size
 from oddsmap.scans.note import Note
 
 __all__ = ["HEAD_SIZE", "TRUNCATED", "Source", "open_source"]
@@ -75,9 +76,10 @@ def open_source(path: str | os.PathLike[str], *, skip_bad: bool = False) -> Sour
         The content; its `damage` says what was wrong with the container.
 
     Raises:
-        InputError: the file is missing, a directory, unreadable or empty, or its container is
-            damaged and `skip_bad` is false, or nothing of it can be read, or it holds so much
-            more than its size that it would fill the memory.
+        InputError: the file is missing, a directory, unreadable, empty or larger than memory could
+            hold (also when it is decompressed), or its container is damaged and `skip_bad` is
+            false, or nothing of it can be read, or it holds so much more than its size as no log
+            does.
     """
     name = os.fspath(path)
     raw = _read_bytes(Path(path), name)
@@ -101,6 +103,7 @@ def open_source(path: str | os.PathLike[str], *, skip_bad: bool = False) -> Sour
 
 def _read_bytes(path: Path, name: str) -> bytes:
     try:
+        check_content_size(name, path.stat().st_size, "the file")
         return path.read_bytes()
     except FileNotFoundError:
         raise InputError(f"{name}: no such file: check the path") from None
@@ -108,6 +111,8 @@ def _read_bytes(path: Path, name: str) -> bytes:
         raise InputError(
             f"{name}: is a directory, a log is one file: give the path of a file in it"
         ) from None
+    except InputError:
+        raise
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
         what = getattr(error, "strerror", None) or error
         raise InputError(
@@ -144,14 +149,16 @@ def _decompress(
     parts: list[bytes] = []
     most = left = max(_ALWAYS_HELD, _MAX_RATIO * len(raw))
     stream = new_stream()
-    position = 0
+    position = size = 0
     try:
         while position < len(raw):
             piece = raw[position : position + _PIECE_SIZE]
             position += len(piece)
             # One byte more than may come, so that an output of all that may is no question.
             parts.append(stream.decompress(piece, left + 1))
+            size += len(parts[-1])
             left -= len(parts[-1])
+            check_content_size(name, size, f"the decompressed content of the {compression} file")
             if left < 0:
                 raise InputError(
                     f"{name}: {len(raw)} bytes of {compression} hold more than "

@@ -33,12 +33,18 @@ class ReadOptions:
     tolerance_s: float = 0.02
     points_in: PointFrame | None = None
     columns: tuple[str, ...] | None = None
+    depth_scale: float | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.tolerance_s < math.inf:
             raise ConfigError(f"tolerance_s is a time of 0 s or more, got {self.tolerance_s}")
         if self.points_in is not None and self.points_in not in get_args(PointFrame):
             raise ConfigError(f"points_in is 'sensor' or 'map', got {self.points_in!r}")
+        if self.depth_scale is not None and not 0.0 < self.depth_scale < math.inf:
+            raise ConfigError(
+                "depth_scale is how many units of a depth image make a metre (1000: they are in "
+                f"millimetres), got {self.depth_scale}"
+            )
         if self.columns is not None and [self.columns.count(axis) for axis in "xyz"] != [1, 1, 1]:
             raise ConfigError(
                 f"columns are names with x, y and z once each, as x,y,z,intensity, got "
@@ -65,6 +71,7 @@ class ReadOptions:
             "camera": "holds no depth images",
             "points_in": "has its points in the frame of its sensor",
             "columns": "has no .bin columns",
+            "depth_scale": "holds no depth images",
         }
         for name in names:
             if getattr(self, name) is not None:

@@ -58,14 +58,14 @@ def _alone(
 
     def open_alone(source: Source, options: ReadOptions) -> Log:
         options.refuse(source.path, name, "poses", "times", "body_from_sensor", "camera")
-        options.refuse(source.path, name, "points_in", "columns")
+        options.refuse(source.path, name, "points_in", "columns", "depth_scale")
         return open_source_alone(source)
 
     return open_alone
 
 
 def _open_npz(source: Source, options: ReadOptions) -> Log:
-    names = array_names(source.content)
+    names = array_names(source)
     if "grids" in names and "beams" not in names:
         return _alone("an NPZ grid log", npz_grids.open_npz_grids)(source, options)
     return _alone("an NPZ beam log", npz_beams.open_npz_beams)(source, options)
@@ -93,6 +93,7 @@ def open_log(
     tolerance_s: float = 0.02,
     points_in: PointFrame | None = None,
     columns: Sequence[str] | None = None,
+    depth_scale: float | None = None,
 ) -> Log:
     """Open a log of range readings with poses: a file, or a folder of scans.
 
@@ -116,6 +117,8 @@ def open_log(
             sensor's, but where PCD's VIEWPOINT is the pose, it must be said.
         columns: what the float32 columns of `.bin` files are, as ("x", "y", "z", "intensity") or
             "x,y,z,intensity"; by default found by what stands in them.
+        depth_scale: how many units of a depth image make a metre, 1000 where they are
+            millimetres; by default what its layout is known for, 1000 or 5000.
 
     Returns:
         The scans in file order, and what had to be skipped to get them.
@@ -133,6 +136,7 @@ def open_log(
         tolerance_s=tolerance_s,
         points_in=points_in,
         columns=_names(columns),
+        depth_scale=depth_scale,
     )
     if Path(path).is_dir():
         return _open_folder(os.fspath(path), options)

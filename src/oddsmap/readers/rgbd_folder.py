@@ -5,7 +5,7 @@
 |---|---|---|
 | images | `frame-XXXXXX.depth.png` | listed in `depth.txt`, else `associations.txt` |
 | poses | `frame-XXXXXX.pose.txt` (4 x 4), or `poses=` | `groundtruth.txt` or `poses=`, by stamp, interpolated |
-| unit of depth | 1 mm; 0 and 65535 are invalid | 1/5000 m; 0 is invalid |
+| unit of depth | `depth_scale=`, else 1 mm; 0 and 65535 are invalid | `depth_scale=`, else 1/5000 m; 0 is invalid |
 | intrinsics | `camera=`, else `camera-intrinsics.txt` (3 x 3), else | the same |
 | by default | fx = fy = 585, cx 320, cy 240 | fx = fy = 525, cx 319.5, cy 239.5 |
 
@@ -19,18 +19,19 @@ https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
+from oddsmap.image_file import image_size, read_image
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.readers.compression import open_source
+from oddsmap.readers.depth_unit import doubt_unit
 from oddsmap.readers.options import ReadOptions
 from oddsmap.readers.pose_association import match_poses, natural_key
 from oddsmap.readers.pose_file import read_pose_matrix
@@ -158,9 +159,13 @@ def _open(
     options: ReadOptions,
 ) -> DepthLog:
     notes: list[Note] = []
+    if options.depth_scale is not None:
+        layout = replace(layout, units_per_metre=options.depth_scale)
     camera = options.camera or _find_camera(name, layout, images, notes)
+    if options.depth_scale is None:
+        notes.extend(doubt_unit(layout.units_per_metre, images))
 
-    def read_image(i: int) -> DepthScan:
+    def read_depth(i: int) -> DepthScan:
         map_from_sensor = pose(i)
         depth = _read_image(images[i], layout, camera)
         return DepthScan(map_from_sensor, depth, camera, stamp_ns(i))
@@ -169,7 +174,7 @@ def _open(
         path=name,
         format=layout.format,
         scan_count=len(images),
-        read_scan=read_image,
+        read_scan=read_depth,
         camera=camera,
         skip_bad=options.skip_bad,
         opening_notes=tuple(notes),
@@ -208,13 +213,10 @@ def _find_camera(
 
 
 def _first_size(name: str, images: list[Path]) -> tuple[int, int]:
-    from PIL import Image
-
     for path in images:
         try:
-            with Image.open(path) as image:
-                return image.size
-        except (OSError, SyntaxError, ValueError):
+            return image_size(path, open_source(path).content)
+        except InputError:
             continue  # said when the image itself is read
     raise InputError(
         f"{name}: none of the {len(images)} depth images can be read, the first is "
@@ -224,23 +226,18 @@ def _first_size(name: str, images: list[Path]) -> tuple[int, int]:
 
 def _read_image(path: Path, layout: _Layout, camera: PinholeCamera) -> npt.NDArray[np.float32]:
     """Depth in metres, shape (h, w); 0 where there is none."""
-    from PIL import Image
-
-    content = open_source(path).content
-    try:
-        with Image.open(io.BytesIO(content)) as image:
-            mode, size = image.mode, image.size
-            fits = size == (camera.width, camera.height) and mode.startswith("I")
-            units = np.asarray(image) if fits else np.empty(0)
-    except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(f"{path}: not a readable PNG ({error}): copy the file again") from None
-    if size != (camera.width, camera.height):
+    image = read_image(path, open_source(path).content)
+    width, height = image.size
+    if (width, height) != (camera.width, camera.height):
         raise InputError(
-            f"{path}: the depth image is {size[0]} x {size[1]} pixels, the intrinsics are for "
+            f"{path}: the depth image is {width} x {height} pixels, the intrinsics are for "
             f"{camera.width} x {camera.height}: give the camera of this image"
         )
-    if not mode.startswith("I"):
-        raise InputError(f"{path}: a {mode} image: depth images are gray with 16 bits per pixel")
+    if not image.mode.startswith("I"):
+        raise InputError(
+            f"{path}: a {image.mode} image: depth images are gray with 16 bits per pixel"
+        )
+    units = np.asarray(image)
     depth = units.astype(np.float32) / np.float32(layout.units_per_metre)
     for value in layout.invalid:
         depth[units == value] = 0.0
