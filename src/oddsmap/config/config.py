@@ -147,6 +147,8 @@ class Config:
 
 # All fields with their comments are some 5 KB.
 _LONGEST_TOML = 1 << 16
+# tomllib takes minutes for a key like a.a.a... of ten thousand parts; ours have two.
+_MOST_DOTS = 100
 
 _SECTIONS: dict[str, Any] = {
     "map": MapConfig,
@@ -212,6 +214,9 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     if len(content) > _LONGEST_TOML:
         raise ConfigError(f"{path}: not a configuration: {len(content)} bytes of TOML")
+    for number, line in enumerate(content.split(b"\n"), start=1):
+        if line.count(b".") > _MOST_DOTS:
+            raise ConfigError(f"{path}:{number}: a key of {line.count(b'.') + 1} parts")
     with decoding(path, "not a TOML file", "correct it there", ConfigError):
         values = tomllib.loads(content.decode("utf-8"))
     _check_sections(values, str(path))

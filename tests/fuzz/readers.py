@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The readers under test: a sample, what may happen to it, and what reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.fuzz import answers
+from tests.fuzz.answers import Answer
+from tests.fuzz.bytes_and_lines import append_noise, change_bytes, change_text, cut, flip_bits
+from tests.fuzz.image_changes import change_chunks, change_pgm_header
+from tests.fuzz.mutant import Files, Mutator, on_file
+from tests.fuzz.npz_changes import change_archive, change_array
+from tests.fuzz.samples import SAMPLES
+from tests.fuzz.text_changes import change_json, change_toml, change_yaml
+
+__all__ = ["READERS", "Reader"]
+
+
+@dataclass(frozen=True)
+class Reader:
+    """One row of the table of outcomes.
+
+    Args:
+        name: also that of its sample.
+        read: reads the file or folder, with all that a user would do next.
+        path: what is read, below the folder of the sample.
+        mutators: what may happen; one of them is drawn for a case.
+    """
+
+    name: str
+    read: Callable[[Path], Answer]
+    path: str
+    mutators: tuple[Mutator, ...]
+
+    def sample(self) -> Files:
+        """The valid files."""
+        return SAMPLES[self.name]()
+
+
+def _text(name: str) -> tuple[Mutator, ...]:
+    """Of texts: no checksum, each digit could be another."""
+    return (*[on_file(name, change_text, "any")] * 4, on_file(name, change_bytes, "any"))
+
+
+def _binary(name: str, counted: bool = True) -> tuple[Mutator, ...]:
+    """Of headers in text and records in binary, where the header says how many there are."""
+    expected = "same" if counted else "any"
+    return (
+        *[on_file(name, change_bytes, "any")] * 2,
+        on_file(name, change_text, "any"),
+        on_file(name, cut, expected),  # type: ignore[arg-type]
+        on_file(name, append_noise, expected),  # type: ignore[arg-type]
+    )
+
+
+def _checked(name: str) -> tuple[Mutator, ...]:
+    """Of containers with checksums: damage does not pass."""
+    return tuple(on_file(name, change, "same") for change in (flip_bits, change_bytes, cut))
+
+
+_NPZ = (
+    *_checked("a.npz"),
+    *[on_file("a.npz", change_array, "any")] * 4,
+    *[on_file("a.npz", change_archive, "same")] * 2,
+)
+_DEPTH_TUM, _DEPTH_7 = "depth/*", "frame-00000*"
+_ZARR = (
+    *[on_file("a.zarr/*", change_bytes, "any")] * 2,
+    *[on_file("a.zarr/zarr.json", change_json, "any")] * 2,
+)
+
+
+def _zarr(*arrays: str) -> tuple[Mutator, ...]:
+    headers = ("a.zarr/zarr.json", *(f"a.zarr/{array}/zarr.json" for array in arrays))
+    return (
+        *(on_file(header, change_json, "any") for header in headers),
+        *(on_file(header, change_bytes, "any") for header in headers[:1]),
+        *(
+            on_file(f"a.zarr/{array}/c/*", change, "same")
+            for array in arrays
+            for change in (flip_bits, cut)
+        ),
+    )
+
+
+def _log(name: str, path: str, *mutators: Mutator) -> Reader:
+    return Reader(name, answers.of_log, path, mutators)
+
+
+READERS: dict[str, Reader] = {
+    reader.name: reader
+    for reader in (
+        _log("carmen", "a.log", *_text("a.log")),
+        _log("carmen-robotlaser", "a.log", *_text("a.log")),
+        _log("carmen-gz", "a.log.gz", *_checked("a.log.gz")),
+        _log("carmen-bz2", "a.log.bz2", *_checked("a.log.bz2")),
+        _log("carmen-two-members", "a.gz", *_checked("a.gz")),
+        _log("npz-beams2", "a.npz", *_NPZ),
+        _log("npz-beams3", "a.npz", *_NPZ),
+        _log("npz-cones", "a.npz", *_NPZ),
+        _log("npz-grids", "a.npz", *_NPZ),
+        Reader("landmark-csv", answers.of_landmarks, "a.csv", _text("a.csv")),
+        Reader("landmark-npz", answers.of_landmarks, "a.npz", _NPZ),
+        Reader(
+            "landmark-json",
+            answers.of_landmark_map,
+            "a.json",
+            (*[on_file("a.json", change_json, "any")] * 3, *_text("a.json")[-2:]),
+        ),
+        _log("pcd-ascii", "a.pcd", *_text("a.pcd")),
+        _log("pcd-binary", "a.pcd", *_binary("a.pcd")),
+        _log("pcd-binary_compressed", "a.pcd", *_binary("a.pcd")),
+        _log("ply-ascii", "a.ply", *_text("a.ply")),
+        _log("ply-binary_little_endian", "a.ply", *_binary("a.ply", counted=False)),
+        _log("ply-binary_big_endian", "a.ply", *_binary("a.ply", counted=False)),
+        _log("kitti-bin", ".", *_binary("000001.bin", counted=False)),
+        _log("poses-kitti", ".", *_text("poses.txt"), *_text("times.txt")),
+        _log("poses-tum", ".", *_text("poses.txt"), *_text("times.txt")),
+        _log(
+            "rgbd-7scenes",
+            ".",
+            *_checked("frame-000001.depth.png"),
+            *[on_file("frame-000001.depth.png", change_chunks, "any")] * 2,
+            *_text("frame-000000.pose.txt"),
+            *_text("camera-intrinsics.txt"),
+        ),
+        _log(
+            "rgbd-tum",
+            ".",
+            *_checked("depth/1.png"),
+            *[on_file("depth/*", change_chunks, "any")] * 2,
+            *_text("depth.txt"),
+            *_text("groundtruth.txt"),
+        ),
+        _log("octomap-graph", "a.graph", *_binary("a.graph", counted=False)),
+        Reader("octomap-bt", answers.of_octomap, "a.bt", _binary("a.bt")),
+        Reader("octomap-bt-dense", answers.of_octomap, "a.bt", _binary("a.bt")),
+        Reader("octomap-ot", answers.of_octomap, "a.ot", _binary("a.ot")),
+        Reader(
+            "ros-yaml",
+            answers.of_ros,
+            "m.yaml",
+            (*[on_file("m.yaml", change_yaml, "any")] * 4, *_text("m.yaml")),
+        ),
+        Reader(
+            "ros-pgm",
+            answers.of_ros,
+            "m.yaml",
+            (*[on_file("m.pgm", change_pgm_header, "any")] * 3, *_binary("m.pgm", counted=False)),
+        ),
+        Reader(
+            "ros-png",
+            answers.of_ros,
+            "m.yaml",
+            (*_checked("m.png"), *[on_file("m.png", change_chunks, "any")] * 3),
+        ),
+        Reader(
+            "toml",
+            answers.of_config,
+            "a.toml",
+            (*[on_file("a.toml", change_toml, "any")] * 4, *_text("a.toml")),
+        ),
+        Reader(
+            "toml-cones",
+            answers.of_config,
+            "a.toml",
+            (*[on_file("a.toml", change_toml, "any")] * 4, *_text("a.toml")),
+        ),
+        Reader("zarr-2d", answers.of_map, "a.zarr", _zarr("hits", "passes")),
+        Reader("zarr-3d", answers.of_map, "a.zarr", _zarr("hits", "passes")),
+        Reader("zarr-full", answers.of_map, "a.zarr", _zarr("log_odds", "marks")),
+    )
+}
