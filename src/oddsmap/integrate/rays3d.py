@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Self
 
 import numpy as np
@@ -217,27 +218,35 @@ class Integrator3D:
     def _grow(self, more: int) -> None:
         before = len(self._used)
         blocks = 2 * before + more
-        used = np.zeros(blocks, np.int64)
-        used[:before] = self._used
         cells = blocks << (3 * self._bits)
-        # np.zeros takes address space; memory only where a block is touched.
-        if self._marks_only:
-            marks = np.zeros(cells, np.uint8)
-            marks[: len(self._marks)] = self._marks
-            self._marks = marks
-        else:
-            weights = np.zeros((2, cells), np.int64)
-            weights[:, : self._weights.shape[1]] = self._weights
-            self._weights = weights
+        with _memory_for(blocks, cells * (1 if self._marks_only else 16)):
+            # np.zeros takes address space; memory only where a block is touched.
+            used = np.zeros(blocks, np.int64)
+            used[:before] = self._used
+            if self._marks_only:
+                marks = np.zeros(cells, np.uint8)
+                marks[: len(self._marks)] = self._marks
+                self._marks = marks
+            else:
+                weights = np.zeros((2, cells), np.int64)
+                weights[:, : self._weights.shape[1]] = self._weights
+                self._weights = weights
         self._used = used
 
 
 def _new_table(blocks: int) -> npt.NDArray[np.int32]:
-    try:
+    with _memory_for(blocks, 4 * blocks):
         return np.zeros(blocks, np.int32)
+
+
+@contextmanager
+def _memory_for(blocks: int, size: int) -> Iterator[None]:
+    """Say in one line where memory, or what `ulimit` leaves of it, does not hold `size` bytes."""
+    try:
+        yield
     except MemoryError:
         raise MapTooLargeError(
-            f"no memory for the {blocks:.1e} blocks around one scan ({4e-9 * blocks:.1f} GB): "
+            f"no memory for the {blocks:.1e} blocks around one scan ({1e-9 * size:.1f} GB): "
             f"{TOO_LONG}"
         ) from None
 

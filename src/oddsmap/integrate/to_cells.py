@@ -116,9 +116,10 @@ def check_size(
         MapTooLargeError: a scan spans too many cells, or memory could not hold it.
     """
     d = extent.shape[1]
-    window = extent.prod(axis=1)
-    # Tiles of two bytes per cell: no more than a beam's way passes, nor than the window holds.
-    bytes_needed = 2.0 * np.minimum((way / side + d * beams) * float(side) ** d, window)
+    with np.errstate(over="ignore"):  # a reading of 1e300 m is too large, whatever the product
+        window = extent.prod(axis=1)
+        # Tiles of two bytes per cell: no more than a beam's way passes, nor than the window holds.
+        bytes_needed = 2.0 * np.minimum((way / side + d * beams) * float(side) ** d, window)
     limit = memory_limit()
     too_large = (bytes_needed > limit) | (window > max_window) | (extent.max(axis=1) >= _MAX_LENGTH)
     if not too_large.any():

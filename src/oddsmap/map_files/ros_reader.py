@@ -38,6 +38,8 @@ _PGM_HEADER = re.compile(rb"P5" + rb"(?:\s|#[^\n]*\n)+(\d{1,12})" * 3 + rb"\s")
 
 # A map's YAML has some 200 bytes.
 _LONGEST_YAML = 1 << 16
+# Two levels are needed. PyYAML takes 10 s for three thousand.
+_DEEPEST_YAML = 8
 
 # What the savers of map_server and Nav2 write for unknown, whatever the thresholds of the file.
 _SAVED_UNKNOWN = 205.0
@@ -171,12 +173,18 @@ def _parse_yaml(text: str) -> object:
     """What plain YAML says: no tags of Python, no aliases, which can stand for billions of values.
 
     Raises:
-        ValueError: an alias, or a key that is there twice.
+        ValueError: an alias, deep nesting, or a key that is there twice.
     """
     import yaml
 
-    if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
-        raise ValueError("aliases (*name) have no place in a map")
+    depth = 0
+    for event in yaml.parse(text, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            raise ValueError("aliases (*name) have no place in a map")
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST_YAML:
+            raise ValueError("nested too deeply")
     root = yaml.compose(text, yaml.SafeLoader)
     if isinstance(root, yaml.MappingNode):
         keys = [key.value for key, _ in root.value if isinstance(key, yaml.ScalarNode)]

@@ -40,6 +40,8 @@ class Pose2:
     @property
     def rotation(self) -> FloatArray:
         """Rotation matrix, shape (2, 2)."""
+        if not math.isfinite(self.theta):  # math.cos(inf) is an error, math.cos(nan) is not
+            return np.full((2, 2), np.nan)
         c, s = math.cos(self.theta), math.sin(self.theta)
         return np.array([[c, -s], [s, c]])
 

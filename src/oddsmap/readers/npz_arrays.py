@@ -11,7 +11,7 @@ import io
 import math
 import zipfile
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,8 @@ _PIECE_SIZE = 1 << 20  # bytes that are decompressed at a time
 
 _METHODS = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA}
 _ENCRYPTED = 0x1  # a bit of the flags
+_END_OF_INDEX = b"PK\x05\x06"
+_COUNT_ELSEWHERE = 0xFFFF  # in ZIP64's own end of the index
 
 
 def array_names(source: Source) -> set[str]:
@@ -77,7 +79,7 @@ def load_found_arrays(source: Source, keys: Collection[str]) -> dict[str, npt.ND
     """
     with _opened(source) as file:
         infos = file.infolist()
-        _check_members(source.path, file, infos)
+        _check_members(source.path, source.content, file, infos)
         wanted = {
             name: info
             for info in infos
@@ -93,11 +95,18 @@ def _opened(source: Source) -> zipfile.ZipFile:
         return zipfile.ZipFile(io.BytesIO(source.content))
 
 
-def _check_members(path: str, file: zipfile.ZipFile, infos: Iterable[zipfile.ZipInfo]) -> None:
+def _check_members(
+    path: str, content: bytes, file: zipfile.ZipFile, infos: Sequence[zipfile.ZipInfo]
+) -> None:
     """Refuse an archive in which a member is not what the index says, known to a layout or not.
 
-    A damaged name would leave the array out without a word.
+    A damaged name or length would leave arrays out without a word.
     """
+    announced = _announced_count(content)
+    if announced not in (len(infos), _COUNT_ELSEWHERE):
+        raise InputError(
+            f"{path}: {_FAULT} ({announced} arrays are announced, {len(infos)} found): {_ADVICE}"
+        )
     names = Counter(info.filename for info in infos)
     for info in infos:
         name = shown(info.filename)
@@ -117,6 +126,12 @@ def _check_members(path: str, file: zipfile.ZipFile, infos: Iterable[zipfile.Zip
             )
         with decoding(path, _FAULT, _ADVICE), file.open(info):
             pass  # the name before its data is compared with that in the index
+
+
+def _announced_count(content: bytes) -> int:
+    """How many members the end of the index announces, which zipfile does not look at."""
+    at = content.rfind(_END_OF_INDEX)
+    return int.from_bytes(content[at + 10 : at + 12], "little")
 
 
 def _read_array(path: str, file: zipfile.ZipFile, info: zipfile.ZipInfo) -> npt.NDArray[Any]:

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inputs that once ended in a traceback, a hang, or an answer that was wrong in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from oddsmap.errors import OddsmapError
+from tests.fuzz import answers
+from tests.fuzz.answers import Answer
+
+_READ: dict[str, Callable[[Path], Answer]] = {
+    "landmark-json": answers.of_landmark_map,
+    "landmark": answers.of_landmarks,
+    "octomap-bt": answers.of_octomap,
+    "octomap-ot": answers.of_octomap,
+    "ros": answers.of_ros,
+    "toml": answers.of_config,
+    "": answers.of_log,
+}
+# A landmark at 1e9 m among others is a counted skip; the rest is damage that can be seen.
+_ANSWERED = {"landmark-csv-a2fbeb", "landmark-npz-a2fbeb"}
+
+
+@pytest.mark.realdata
+def test_an_answer_or_one_line(data_folder: Path) -> None:
+    folder = data_folder / "cases" / "fuzz"
+    if not folder.is_dir():
+        pytest.skip(f"no inputs in {folder}")
+    answered = set()
+    for case in sorted(path for path in folder.iterdir() if path.is_dir()):
+        found = [path for path in sorted(case.iterdir()) if path.name != "why.txt"]
+        path = found[0] / "m.yaml" if found[0].name == "ros" else found[0]
+        read = next(r for name, r in _READ.items() if case.name.startswith(name))
+        try:
+            answer = read(path)
+        except OddsmapError as error:
+            text = str(error)
+            assert text.isprintable(), case.name
+            assert len(text) < 420 + len(str(path)), case.name
+        else:
+            assert any("out_of_scale" in word for word in answer.said), case.name
+            answered.add(case.name)
+    assert answered == _ANSWERED
