@@ -474,6 +474,36 @@ def test_read_toml(tmp_path: Path) -> None:
             read_toml(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[map]\nresolution = " + "[" * 5000 + "]" * 5000, "not a TOML file (nested too deeply)"),
+        ("[map]\nresolution = " + "9" * 5000, "not a TOML file (Exceeds the limit"),
+        ("a." * 20_000 + "a = 1", "a.toml:1: a key of 20001 parts"),
+        ("[map]\n[map." + "a." * 200 + "b]", "a.toml:2: a key of"),
+        ("# " + "x" * 70_000, "not a configuration: 70002 bytes of TOML"),
+    ],
+)
+def test_a_hostile_file_is_one_line(text: str, message: str, tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        read_toml(file)
+    assert message in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("value", [10**400, -(2**63) - 1, 2**63])
+def test_an_integer_beyond_all_floats_is_no_number(value: int) -> None:
+    """TOML's integers have any number of digits."""
+    for section, name in (("map", "resolution"), ("sensor", "range_max"), ("map", "t_ref_ns")):
+        layer = {"map": {"resolution": 1.0}, section: {name: value}}
+        with pytest.raises(ConfigError, match=rf"{name} is a number that 64 bits can hold, got "):
+            resolve(("a.toml", layer))
+    with pytest.raises(ConfigError, match=r"--set map\.x: not a value"):
+        parse_setting("map.x=" + "[" * 5000)
+
+
 def test_configurations_are_frozen() -> None:
     needed = {"map": {"resolution": 1.0}, "cone": {"cone_deg": 20.0}}
     for holder, name, _ in FIELDS:

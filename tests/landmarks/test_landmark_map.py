@@ -282,3 +282,35 @@ def test_ids_for_all_scans_or_for_none() -> None:
     landmarks.add(observe("position", Pose2(0.0, 0.0, 0.0), np.ones((1, 2)), rng, [0]))
     with pytest.raises(InputError, match="not both"):
         landmarks.add(observe("position", Pose2(0.0, 0.0, 0.0), np.ones((1, 2)), rng))
+
+
+def test_one_bad_number_is_a_counted_skip() -> None:
+    """A range of 1e9 m has a covariance that cannot be inverted; the others stay as they are."""
+    clean, spoilt = LandmarkMap(), LandmarkMap()
+    noise = {"sigma_range": 0.1, "sigma_bearing": 0.02}
+    for i in range(4):
+        pose = Pose2(0.3 * i, 0.0, 0.0)
+        ranges, bearings = np.array([4.0 + 0.01 * i, 3.0]), np.array([0.1, -0.5])
+        ids = np.array([1, 2])
+        clean.add(Observations.range_bearing(pose, ranges, bearings, ids=ids, **noise))
+        ranges = np.append(ranges, [1e9, 1e-9, 1e300, 2e12][i])
+        bearings, ids = np.append(bearings, 0.2), np.append(ids, 1)
+        spoilt.add(Observations.range_bearing(pose, ranges, bearings, ids=ids, **noise))
+    assert spoilt.skipped == {"observation.out_of_scale": 4}
+    assert clean.skipped == {}
+    for ours, theirs in zip(clean.landmarks, spoilt.landmarks, strict=True):
+        assert np.array_equal(ours.mean, theirs.mean)
+        assert np.array_equal(ours.covariance, theirs.covariance)
+
+
+def test_poses_and_positions_out_of_scale() -> None:
+    marks = LandmarkMap()
+    far = Pose2(1e300, 0.0, 0.0)
+    marks.add(Observations.bearing(far, [0.1], sigma_bearing=0.1, ids=[1]))
+    marks.add(Observations.position(far, [[1.0, 2.0]], sigma_xy=0.1, ids=[1]))
+    near = Pose2(0.0, 0.0, 0.0)
+    points = [[1.0, 2.0], [1e300, 0.0], [0.0, -2e12]]
+    marks.add(Observations.position(near, points, sigma_xy=0.1, ids=[1, 1, 1]))
+    assert marks.skipped == {"observation.out_of_scale": 4}
+    (mark,) = marks.landmarks
+    assert mark.mean.tolist() == [1.0, 2.0]

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,3 +121,31 @@ def test_damaged_files(tmp_path: Path) -> None:
     path.write_bytes(b"id,x,y\n")
     with pytest.raises(InputError, match="not a landmark map"):
         LandmarkMap.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: content.update(known_ids=2), "known_ids is true, false or null, got 2"),
+        (lambda content: content["landmarks"][0].update(id=1.5), "1.5 is no count and no id"),
+        (lambda content: content["landmarks"][0].update(count=2.5), "2.5 is no count and no id"),
+        (lambda content: content["landmarks"][0].update(count=True), "True is no count and no id"),
+        (lambda content: content["landmarks"][0].update(count=-1), "-1 is no count and no id"),
+        (lambda content: content["landmarks"][0].update(count=float("inf")), "inf is no count"),
+        (lambda content: content["landmarks"][0]["track"].update(anchor=[10**400, 0]), "Overflow"),
+        (lambda content: content["landmarks"].append(content["landmarks"][0]), "0 is there twice"),
+        (lambda content: content.update(skipped=[]), "AttributeError"),
+        (lambda content: content.update(options=10**3000), "TypeError"),
+    ],
+)
+def test_a_value_that_cannot_be(
+    change: Callable[[dict[str, Any]], None], message: str, tmp_path: Path
+) -> None:
+    path = a_map().save(tmp_path / "a.json")
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError) as caught:
+        LandmarkMap.load(path)
+    assert f"{path}: a damaged landmark map (" in str(caught.value)
+    assert message in str(caught.value)

@@ -83,6 +83,8 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
         ([POLAR, "# c", "0,0,0,1,east,1"], ":3: 'east' in column `bearing` is not a number"),
         ([POLAR, "0,0,0,1,0.1,1.5"], ":2: the id 1.5 is not an integer"),
         ([POLAR, "0,0,0,1,0.1,tree"], ":2: 'tree' in column `id`"),
+        ([POLAR, "0,0,0,1,0.1," + "9" * 5000], ":2: the id inf is not an integer of 64 bits"),
+        ([POLAR, "0,0,0,1,0.1," + "9" * 30], ":2: the id a whole number of about 31 digits is"),
         ([POLAR, "0,0,0,1,0.1,1", "0,0,0,1,45,1"], ":3: a bearing of 45"),
         ([POLAR, "nan,0,0,1,0.1,1"], "no usable observation in 1 rows"),
         ([POLAR], "no usable observation in 0 rows"),

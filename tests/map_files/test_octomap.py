@@ -230,6 +230,7 @@ def good(suffix: str) -> bytes:
         (good(".ot").replace(b"res 0.1", b"res -1"), "res '-1'"),
         (good(".ot").replace(b"res 0.1", b"res inf"), "res 'inf'"),
         (good(".ot").replace(b"size ", b"size x"), "size 'x"),
+        (good(".ot").replace(b"size ", b"size " + b"9" * 5000), r"got size '9{17}\.\.\.9"),
         (good(".ot").replace(b"size ", b"size 9"), "announces 9.* holds"),
         (good(".ot") + b"\n", "1 bytes after the last"),
         (good(".bt") + b"\n", "1 bytes after the last"),

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +140,19 @@ class TestErrors:
             ({"mode": "grey"}, "mode must be one of trinary, scale, raw, got 'grey'"),
             ({"negate": "maybe"}, "negate must be"),
             ({"free_thresh": 0.7}, "thresholds need 0 <= free < occupied <= 1"),
+            ({"origin": "2001-99-01"}, "not YAML (month must be in 1..12"),
+            ({"origin": "!!int ''"}, "not YAML ("),
+            ({"origin": "!!float x"}, "not YAML ("),
+            ({"origin": "[" * 3000}, "not YAML (nested too deeply)"),
+            ({"negate": "9" * 4000}, "negate must be 0, 1, true or false, got "),
+            ({"resolution": "9" * 4000}, "resolution must be a finite number, got a whole number"),
+            ({"resolution": "&a [*a]"}, "not YAML (aliases (*name) have no place in a map)"),
+            ({"mode": "[" + "[1]," * 4000 + "]"}, "mode must be one of trinary, scale, raw, got ["),
+            ({"resolution": "1\nresolution: 2"}, "not YAML (resolution is there twice)"),
+            ({"image": "~/gone/m.pgm"}, "/gone/m.pgm does not exist"),
+            ({"image": "~nobody-of-that-name/m.pgm"}, "m.pgm"),
+            ({"image": '"a\\0"'}, "map.yaml: "),
+            ({"comment": "x" * 70_000}, "not the YAML of a map (70"),
         ],
     )
     def test_senseless_yaml(self, tmp_path: Path, changes: dict[str, object], message: str) -> None:
@@ -146,7 +160,37 @@ class TestErrors:
         with pytest.raises(InputError) as caught:
             load_ros(path)
         assert message in str(caught.value)
+        assert len(str(caught.value).removeprefix(str(tmp_path))) < 400
         assert "\n" not in str(caught.value)
+
+    def test_a_billion_laughs(self, tmp_path: Path) -> None:
+        """Nine lines that stand for 9^9 values, also as a merge."""
+        for first, more in (("[1]", "[{}]"), ("{x: 1}", "{{<<: [{}]}}")):
+            names = [f"a{i}" for i in range(10)]
+            lines = [f"a0: &a0 {first}"]
+            for below, name in pairwise(names):
+                lines.append(f"{name}: &{name} {more.format(', '.join([f'*{below}'] * 9))}")
+            path = write_map(tmp_path, GREYS)
+            path.write_text("\n".join(lines) + "\n" + path.read_text())
+            with pytest.raises(InputError, match=r"not YAML \(aliases"):
+                load_ros(path)
+
+    def test_an_image_at_home(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        home = tmp_path / "home"
+        home.mkdir()
+        monkeypatch.setenv("HOME", str(home))
+        monkeypatch.setenv("USERPROFILE", str(home))
+        path = write_map(tmp_path, GREYS, image="~/map.pgm")
+        (tmp_path / "map.pgm").rename(home / "map.pgm")
+        assert load_ros(path).probability.shape == (2, 3)
+
+    def test_greys_of_unknown_scale(self, tmp_path: Path) -> None:
+        for pixels, message in (
+            (GREYS.astype(np.float32) / 255, "an image of real numbers, whose scale is not known"),
+            (GREYS.astype(np.int32) * 1000, "greys of 32 bits, 0 to 255000, whose scale is not"),
+        ):
+            with pytest.raises(InputError, match=rf"map\.tif: {message}"):
+                load_ros(write_map(tmp_path, pixels, name="map.tif"))
 
     @pytest.mark.parametrize("content", [b"image: [", b"P5\n1 1\n255\n\xff", b"", b"just text"])
     def test_not_the_yaml_of_a_map(self, tmp_path: Path, content: bytes) -> None:
@@ -161,7 +205,16 @@ class TestErrors:
             load_ros(tmp_path / "none.yaml")
 
     @pytest.mark.parametrize(
-        "content", [b"", b"hello", b"P5\n3 2\n255\n\x00", b"P5\n3 2\n65535\n\x00"]
+        "content",
+        [
+            b"",
+            b"hello",
+            b"P5\n3 2\n255\n\x00",
+            b"P5\n3 2\n65535\n\x00",
+            b"P5\n0 2\n255\n\x00",
+            b"P5\n99999999999 99999999999\n255\n\x00",
+            b"P5\n" + b"9" * 5000 + b" 1\n255\n\x00",
+        ],
     )
     def test_broken_image(self, tmp_path: Path, content: bytes) -> None:
         path = write_map(tmp_path, GREYS)

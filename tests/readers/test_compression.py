@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import oddsmap.readers.compression
+from oddsmap import limits
 from oddsmap.errors import InputError
 from oddsmap.readers.compression import HEAD_SIZE, open_source
 
@@ -151,4 +152,26 @@ def test_an_unreadable_file_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(Path, "read_bytes", refuse)
     with pytest.raises(InputError, match=r"hall\.log: cannot be read \(Permission denied\): check"):
+        open_source(path)
+
+
+@pytest.mark.parametrize("compress", [gzip.compress, bz2.compress])
+def test_a_small_file_of_a_large_content(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compress: Callable[[bytes], bytes]
+) -> None:
+    path = tmp_path / "hall.log.gz"
+    path.write_bytes(compress(bytes(10_000_000)))
+    assert path.stat().st_size < 20_000
+    assert len(open_source(path).content) == 10_000_000
+    monkeypatch.setattr(limits, "memory_limit", lambda: 4_000_000)
+    for skip_bad in (False, True):
+        with pytest.raises(InputError, match=r"hall\.log\.gz: the decompressed content of the"):
+            open_source(path, skip_bad=skip_bad)
+
+
+def test_a_file_that_memory_would_not_hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "hall.log"
+    path.write_bytes(bytes(3_000_000))
+    monkeypatch.setattr(limits, "memory_limit", lambda: 4_000_000)
+    with pytest.raises(InputError, match=r"hall\.log: the file takes 0\.003 GB, at most 0\.002 GB"):
         open_source(path)

@@ -21,7 +21,7 @@ K = "2 0 1\n0 2 0.5\n0 0 1\n"
 
 
 def write_png(path: Path, units: np.ndarray = UNITS) -> None:
-    path.parent.mkdir(exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(units).save(path)
 
 

@@ -248,6 +248,10 @@ def _check_field(holder: Any, section: str, name: str, value: object, where: str
     _known(name, fields, where, f"field of {of}")
     kind = fields[name]
     number = _is_number(value)
+    if isinstance(value, int) and not isinstance(value, bool) and not number:
+        raise ConfigError(
+            f"{where}: {section}.{name} is a number that 64 bits can hold, got {shown(value)}"
+        )
     fits, wanted = {
         "float": (number, "a number"),
         "float | None": (number or value is None, "a number"),

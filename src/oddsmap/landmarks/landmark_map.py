@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.errors import ConfigError, InputError, OddsmapError, as_line
+from oddsmap.errors import ConfigError, InputError, OddsmapError, as_line, shown
 from oddsmap.landmarks.association import (
     chi_square_quantile,
     mutual_nearest,
@@ -217,14 +217,20 @@ class LandmarkMap:
 
         Raises:
             ConfigError: an option outside its range.
-            KeyError, TypeError, ValueError: something is missing, or is not a number.
+            KeyError, TypeError, ValueError: something is missing, is not a number, or is there
+                twice.
         """
         landmarks = cls(**{option: content["options"][option] for option in _OPTIONS})
+        if content["known_ids"] not in (True, False, None):
+            raise ValueError(f"known_ids is true, false or null, got {shown(content['known_ids'])}")
         landmarks.known_ids = content["known_ids"]
-        landmarks.skipped = Counter({str(k): int(v) for k, v in content["skipped"].items()})
+        landmarks.skipped = Counter({str(k): _whole(v) for k, v in content["skipped"].items()})
         for row in content["landmarks"]:
-            track = Track.from_dict(row["track"], int(row["count"]), landmarks.ndim)
-            landmarks.tracks[int(row["id"])] = track
+            name = _whole(row["id"])
+            if name in landmarks.tracks:
+                raise ValueError(f"landmark {name} is there twice")
+            track = Track.from_dict(row["track"], _whole(row["count"]), landmarks.ndim)
+            landmarks.tracks[name] = track
         return landmarks
 
     def _needed_count(self) -> int:
@@ -298,6 +304,17 @@ class LandmarkMap:
     def _skip(self, reason: str, count: int) -> None:
         if count:
             self.skipped[reason] += count
+
+
+def _whole(number: object) -> int:
+    """A count or an id as it stands in JSON.
+
+    Raises:
+        ValueError: something else; a count of 2.5 would be another landmark.
+    """
+    if type(number) is not int or not 0 <= number < 2**63:
+        raise ValueError(f"{shown(number)} is no count and no id")
+    return number
 
 
 def _in_scale(observations: Observations) -> npt.NDArray[np.bool_]:

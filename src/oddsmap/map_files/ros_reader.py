@@ -215,8 +215,8 @@ def _mode(path: Path, value: object) -> RosMode:
 
 
 def _negate(path: Path, value: object) -> bool:
-    if isinstance(value, int):  # True and False are integers, too
-        return value != 0
+    if isinstance(value, int) and value in (0, 1):  # True and False are integers, too
+        return value == 1
     raise InputError(f"{path}: negate must be 0, 1, true or false, got {shown(value)}")
 
 

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The memory limit: the machine's, a container's, or that of `ulimit`, whichever is least."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from oddsmap import limits
+from oddsmap.errors import InputError
+from oddsmap.limits import check_content_size, memory_limit
+
+GB = 1 << 30
+
+
+def write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def container(folder: Path, groups: str) -> int:
+    write(folder / "cgroup", groups)
+    return limits._container_memory.__wrapped__(folder / "cgroup", folder / "mounted")
+
+
+def test_a_container_of_version_2(tmp_path: Path) -> None:
+    mounted = tmp_path / "mounted"
+    write(mounted / "a" / "b" / "memory.max", "max\n")
+    assert container(tmp_path, "0::/a/b\n") == 1 << 62
+    write(mounted / "a" / "memory.max", f"{3 * GB}\n")
+    assert container(tmp_path, "0::/a/b\n") == 3 * GB
+    write(mounted / "a" / "b" / "memory.max", f"{2 * GB}\n")
+    assert container(tmp_path, "0::/a/b\n") == 2 * GB
+    # Inside of a container the path may be one of the host's, and the root the container's own.
+    write(mounted / "memory.max", f"{GB}\n")
+    assert container(tmp_path, "0::/docker/1234\n") == GB
+
+
+def test_a_container_of_version_1(tmp_path: Path) -> None:
+    name = "memory.limit_in_bytes"
+    write(tmp_path / "mounted" / "memory" / name, "9223372036854771712\n")
+    groups = "9:name=systemd:/\n4:cpu,memory:/a:b\n3:cpuset:/\n"
+    assert container(tmp_path, groups) == 1 << 62
+    write(tmp_path / "mounted" / "memory" / "a:b" / name, f"{2 * GB}\n")
+    assert container(tmp_path, groups) == 2 * GB
+
+
+@pytest.mark.parametrize("groups", ["", "nonsense\n", "0::\n", "1:memory\n"])
+def test_no_container(tmp_path: Path, groups: str) -> None:
+    assert container(tmp_path, groups) == 1 << 62
+    assert limits._container_memory.__wrapped__(tmp_path / "gone", tmp_path) == 1 << 62
+
+
+@pytest.mark.parametrize("which", ["_machine_memory", "_container_memory", "_ulimit_memory"])
+def test_the_least_counts(which: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("_machine_memory", "_container_memory", "_ulimit_memory"):
+        monkeypatch.setattr(limits, name, lambda least=name == which: GB if least else 9 * GB)
+    assert memory_limit() == int(0.8 * GB)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not keep RLIMIT_AS")
+@pytest.mark.parametrize("which", ["RLIMIT_AS", "RLIMIT_DATA"])
+def test_a_ulimit_counts(which: str) -> None:
+    code = (
+        f"import resource; resource.setrlimit(resource.{which}, ({GB}, {GB}));"
+        "from oddsmap.limits import memory_limit; print(memory_limit())"
+    )
+    found = int(
+        subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout
+    )
+    # Less what the interpreter takes already.
+    assert 0.3 * GB < found < 0.8 * GB
+
+
+def test_content_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "memory_limit", lambda: 4 * GB)
+    check_content_size("a.npz", 2 * GB, "the file")
+    message = r"a\.npz: the file takes 3\.22 GB, at most 2\.15 GB fit in memory here: split"
+    with pytest.raises(InputError, match=message):
+        check_content_size("a.npz", 3 * GB, "the file")
