@@ -105,6 +105,16 @@ def test_the_padding_of_a_folder_is_one_note(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("encoding", ENCODINGS[1:])
+def test_bytes_that_are_a_signalling_nan_are_nan(tmp_path: Path, encoding: str) -> None:
+    content = pcd_bytes(np.full((2, 3), 7.0), encoding)
+    seven = struct.pack("<f", 7.0)
+    assert seven in content
+    (scan,) = open_log(write(tmp_path, content.replace(seven, b"\x01\x00\xa0\x7f")))
+    assert np.isnan(scan.ranges).all()
+
+
 def test_headers_of_absurd_sizes_are_one_line(tmp_path: Path) -> None:
     many = b"9" * 5000
     for old, new in (
@@ -171,6 +181,7 @@ def test_a_pose_file_wins_over_viewpoint(tmp_path: Path) -> None:
         (b"FIELDS x y z", b"FIELDS x x y", "2 x `x`"),
         (b"TYPE F F F", b"TYPE F F I", "field `z` has TYPE I SIZE 4 COUNT 1: it must be one float"),
         (b"TYPE F F F", b"TYPE F F", "TYPE has 2 values for 3 FIELDS"),
+        (b"TYPE F F F", b"TYPE F F " + b"9" * 5000, "field `z` has TYPE 9{20} SIZE 4 COUNT 1: it"),
         (b"SIZE 4 4 4", b"SIZE 4 4 2", "field `z` has TYPE F SIZE 2"),
         (b"SIZE 4 4 4", b"SIZE 4 4 -4", "whole numbers are expected"),
         (b"SIZE 4 4 4\n", b"", "no SIZE line"),

@@ -39,4 +39,5 @@ def read_bin_points(source: Source, columns: Sequence[str] = KITTI_COLUMNS) -> C
         )
     records = np.frombuffer(source.content, "<f4").reshape(-1, len(columns))
     places = [columns.index(axis) for axis in "xyz"]
-    return Cloud(records[:, places].astype(np.float64))
+    with np.errstate(invalid="ignore"):  # a signalling NaN, which some bytes are
+        return Cloud(records[:, places].astype(np.float64))

@@ -128,7 +128,7 @@ def _read_header(source: Source) -> _Header:
     encoding = " ".join(entries["DATA"]).lower()
     if encoding not in ("ascii", "binary", "binary_compressed"):
         raise InputError(
-            f"{path}: DATA {encoding!r} is unknown: write ascii, binary or binary_compressed"
+            f"{path}: DATA {encoding[:20]!r} is unknown: write ascii, binary or binary_compressed"
         )
     places = [_find_axis(path, axis, names, kinds, sizes, counts) for axis in "xyz"]
     offsets = [sum(s * c for s, c in zip(sizes[:i], counts[:i], strict=True)) for i in places]
@@ -168,7 +168,7 @@ def _find_axis(
     i = names.index(axis)
     if kinds[i] != "F" or sizes[i] not in (4, 8) or counts[i] != 1:
         raise InputError(
-            f"{path}: field `{axis}` has TYPE {kinds[i]} SIZE {sizes[i]} COUNT {counts[i]}: "
+            f"{path}: field `{axis}` has TYPE {kinds[i][:20]} SIZE {sizes[i]} COUNT {counts[i]}: "
             "it must be one float of 4 or 8 bytes"
         )
     return i
@@ -253,7 +253,8 @@ def _read_compressed(path: str, body: bytes, header: _Header) -> FloatArray:
             f"{path}: corrupt compressed points ({error}): copy the file again"
         ) from None
     points = np.empty((header.point_count, 3))
-    for axis, (offset, kind) in enumerate(zip(header.offsets, header.types, strict=True)):
-        start = offset * header.point_count
-        points[:, axis] = np.frombuffer(content, kind, header.point_count, start)
+    with np.errstate(invalid="ignore"):  # a signalling NaN, which some bytes are
+        for axis, (offset, kind) in enumerate(zip(header.offsets, header.types, strict=True)):
+            start = offset * header.point_count
+            points[:, axis] = np.frombuffer(content, kind, header.point_count, start)
     return points

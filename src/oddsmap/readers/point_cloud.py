@@ -60,8 +60,9 @@ def unpack_points(
     )
     records = np.frombuffer(body, dtype, count)
     points = np.empty((count, 3))
-    for axis, name in enumerate("xyz"):
-        points[:, axis] = records[name]
+    with np.errstate(invalid="ignore"):  # a signalling NaN, which some bytes are
+        for axis, name in enumerate("xyz"):
+            points[:, axis] = records[name]
     return points
 
 

@@ -76,8 +76,8 @@ def parse_stamp_ns(row: Row, word: str) -> int:
         seconds = Decimal(word)
     except (ValueError, DecimalException):
         raise InputError(f"{row.where}: {word[:40]!r} is not a time in seconds") from None
-    # Compared before anything is multiplied: 1e999999 times 10^9 is an overflow of its own kind.
-    if not seconds.is_finite() or abs(seconds) > _MAX_STAMP_S:
+    # Compared before anything is computed: even abs(1e9999999) is an overflow of its own kind.
+    if not seconds.is_finite() or not -_MAX_STAMP_S <= seconds <= _MAX_STAMP_S:
         raise InputError(
             f"{row.where}: {word[:40]!r} is not a time in seconds that fits 64 bits of nanoseconds"
         )
