@@ -43,6 +43,26 @@ def test_one_wall_in_the_map_frame_stays_one(tmp_path: Path) -> None:
         np.testing.assert_allclose(points, WALL + np.array([shift, 0, 0]), rtol=1e-6)
 
 
+@pytest.mark.parametrize("frame", ["map", "sensor"])
+def test_the_likelier_frame_is_named(tmp_path: Path, frame: str) -> None:
+    """Two walls of a corner, seen from places 1 m apart."""
+    y, z = (axis.ravel() for axis in np.meshgrid(np.arange(-3, 3, 0.1), np.arange(0, 2, 0.1)))
+    wall = np.stack([np.full_like(y, 5.05), y, z], axis=1)
+    corner = np.vstack([wall, wall[:, [1, 0, 2]]])
+    for i in range(4):
+        points = corner if frame == "map" else corner - np.array([i, 0.5 * i, 0])
+        content = pcd_bytes(points, viewpoint=f"{i} {0.5 * i} 0 1 0 0 0")
+        (tmp_path / f"{i}.pcd").write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        open_log(tmp_path)
+    assert f"(points_in=); {frame} is likelier: of the cells of two clouds " in str(caught.value)
+    # Nothing is said where the places are the same.
+    for i in range(4):
+        (tmp_path / f"{i}.pcd").write_bytes(pcd_bytes(corner, viewpoint="0 0 1.5 1 0 0 0"))
+    with pytest.raises(InputError, match=r"\(points_in=\)$"):
+        open_log(tmp_path)
+
+
 def test_a_single_cloud_asks_as_well(tmp_path: Path) -> None:
     path = tmp_path / "a.pcd"
     path.write_bytes(pcd_bytes(WALL, viewpoint=HALF_TURN))

@@ -194,7 +194,7 @@ def _match(
         return match, match.notes
     if suffix == ".pcd" and any_viewpoint(files):
         options.refuse(name, "a folder whose poses are each PCD's VIEWPOINT", "times")
-        return None, (frame_note(name, options),)
+        return None, (frame_note(name, options, files),)
     no_viewpoint = ", and VIEWPOINT is the identity in all of them" if suffix == ".pcd" else ""
     raise InputError(
         f"{name}: {len(files)} scans without poses ({' or '.join(POSE_NAMES)} would be "
