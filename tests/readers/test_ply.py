@@ -68,6 +68,16 @@ def test_headers(tmp_path: Path, old: bytes, new: bytes, message: str) -> None:
     assert str(caught.value).startswith(str(path))
 
 
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_a_camera_is_not_read_in_silence(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.ply"
+    path.write_bytes(ply_bytes(POINTS, encoding).replace(b"double focus", b"double view_px"))
+    log = open_log(path)
+    assert [note.code for note in log.notes] == ["cloud.camera", "pose.assumed"]
+    path.write_bytes(ply_bytes(POINTS, encoding))
+    assert [note.code for note in open_log(path).notes] == ["pose.assumed"]
+
+
 def test_a_bad_line_of_text_is_named(tmp_path: Path) -> None:
     path = tmp_path / "a.ply"
     content = ply_bytes(POINTS, "ascii")

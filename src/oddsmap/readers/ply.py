@@ -21,6 +21,7 @@ from oddsmap.readers.compression import Source
 from oddsmap.readers.plain_text import split_lines, without_bom
 from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
 from oddsmap.readers.text_table import parse_table
+from oddsmap.scans.note import Note
 
 __all__ = ["matches", "read_ply"]
 
@@ -80,13 +81,22 @@ def read_ply(source: Source) -> Cloud:
         skip = sum(element.count for element in earlier)
         last = place == len(elements) - 1
         points = _read_ascii(source, start, line_number, skip, vertex, columns, types, last)
-        return Cloud(points)
+        return Cloud(points, notes=_notes(elements))
     start += sum(e.count * stride for e, stride in zip(earlier, strides, strict=False))
     body = source.content[start:]
     if place < len(elements) - 1:
         body = body[: vertex.count * strides[-1]]
     offsets = [sum(_SIZES[kind] for kind in kinds[:i]) for i in columns]
-    return Cloud(unpack_points(path, body, vertex.count, offsets, types, strides[-1]))
+    points = unpack_points(path, body, vertex.count, offsets, types, strides[-1])
+    return Cloud(points, notes=_notes(elements))
+
+
+def _notes(elements: list[_Element]) -> tuple[Note, ...]:
+    """PCL writes the place of the sensor as a camera; programs for meshes, that of the observer."""
+    if not any(name == "view_px" for element in elements for name, _ in element.properties):
+        return ()
+    text = "its element `camera` (view_px ...) is not taken for the pose of the sensor: give poses"
+    return (Note(text, code="cloud.camera", severity="warning"),)
 
 
 def _read_header(source: Source) -> tuple[str, list[_Element], int, int]:
