@@ -93,7 +93,9 @@ def logs(folder: Path) -> Repeat:
     np.savez(folder / "floor.npz", grids=labels, poses=poses, pixel=0.1)
     clouds = folder / "velodyne"
     clouds.mkdir(exist_ok=True)
-    rng.uniform(-9.0, 9.0, (20_000, 4)).astype(np.float32).tofile(clouds / "000000.bin")
+    points = rng.uniform(-9.0, 9.0, (20_000, 4))
+    points[:, 3] = np.abs(points[:, 3])  # an intensity, by which the columns are known
+    points.astype(np.float32).tofile(clouds / "000000.bin")
     (clouds / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0", encoding="utf-8")
 
     def repeat() -> None:
