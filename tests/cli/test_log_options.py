@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import oddsmap
 from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
 from oddsmap.errors import ConfigError, InputError
 from tests.cli.conftest import Run
+from tests.readers.clouds import pcd_bytes
 
 PLACE, LENS = "x y z qx qy qz qw", "fx fy cx cy width height"
 
@@ -47,11 +49,36 @@ def test_each_option_reaches_the_reader(office: Path) -> None:
         (LogOptions(times=office), "times"),
         (LogOptions(extrinsics=read_extrinsics("0 0 0 0 0 0 1")), "body_from_sensor"),
         (LogOptions(camera=read_camera("9 9 9 9 9 9")), "camera"),
+        (LogOptions(points_in="map"), "points_in"),
+        (LogOptions(columns="x,y,z"), "columns"),
     ):
         with pytest.raises(InputError, match=f"leave `{name}` out for this log"):
             options.open(office)
     with pytest.raises(ConfigError, match="tolerance_s is a time of 0 s or more, got -1"):
         LogOptions(tolerance=-1.0).open(office)
+
+
+def test_what_clouds_do_not_say_of_themselves(run: Run, tmp_path: Path) -> None:
+    """The frame of points whose pose is VIEWPOINT, and columns of other programs."""
+    cloud, out = tmp_path / "a.pcd", tmp_path / "x.zarr"
+    cloud.write_bytes(pcd_bytes(np.array([[5.05, 0.05, 0.05]]), viewpoint="1.05 0.05 0.05 1 0 0 0"))
+    words = ["build", cloud, "--resolution", 0.1, "-o", out, "--json", "--force"]
+    assert "say --points-in sensor or --points-in map" in run(*words).line
+    assert "say --points-in sensor or --points-in map" in run("info", cloud).line
+    for frame, x in (("map", 50), ("sensor", 61)):
+        facts = run(*words, "--points-in", frame).json
+        assert facts["hits"] == 1
+        assert run("info", cloud, "--points-in", frame, "--json").json["beams"] == 1
+        index, hits, _ = oddsmap.load_map(out).cells()
+        assert index[hits > 0][:, 0].tolist() == [x]
+    (tmp_path / "bins").mkdir()
+    scan = np.random.default_rng(0).uniform(-9.0, 9.0, (100, 6)).astype(np.float32)
+    scan.tofile(tmp_path / "bins" / "0.bin")
+    (tmp_path / "bins" / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
+    words = ["build", tmp_path / "bins", "--resolution", 1, "-o", out, "--json", "--force"]
+    assert "cannot be told" in run(*words).line
+    assert run(*words, "--columns", "x,y,z,nx,ny,nz").json["beams"] == 100
+    assert "columns are names with x, y and z once each" in run(*words, "--columns", "x,y").line
 
 
 def test_a_damaged_log(office: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ the counts from 3 to 16 the smallest that explains as much as any is the one.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -92,17 +93,22 @@ def _samples(files: Sequence[Path]) -> list[Numbers]:
 def _fitting_counts(files: Sequence[Path], samples: Sequence[Numbers]) -> list[int]:
     """The counts whose multiples most of the sizes are; a broken file may have any size."""
     sizes = [4 * len(sample) for sample in samples]
-    for file in files:
-        try:
-            with file.open("rb") as opened:
-                packed = opened.read(3).startswith((b"\x1f\x8b", b"BZh"))
-            if not packed:
+    if not _is_packed(files[0]):
+        for file in files:
+            with suppress(OSError):  # said when its turn comes
                 sizes.append(file.stat().st_size)
-        except OSError:
-            continue
     fits = {c: sum(size % (4 * c) == 0 for size in sizes) for c in _COUNTS}
     most = max(fits.values())
     return [c for c in _COUNTS if fits[c] == most and 2 * most > len(sizes)]
+
+
+def _is_packed(file: Path) -> bool:
+    """Whether a file is compressed: its own size then says nothing, nor do those beside it."""
+    try:
+        with file.open("rb") as opened:
+            return opened.read(3).startswith((b"\x1f\x8b", b"BZh"))
+    except OSError:
+        return False
 
 
 def _count(samples: Sequence[Numbers], fitting: Sequence[int], *, sure_by_size: bool) -> int | None:
