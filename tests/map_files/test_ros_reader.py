@@ -53,7 +53,7 @@ class TestModes:
         path = write_map(tmp_path, greys, free_thresh=0.25, occupied_thresh=0.6)
         grid = load_ros(path)
         assert grid.state().tolist() == [[0, 100, 0], [100, 100, 0]]
-        assert np.array_equal(grid.state(Thresholds(0.25, 0.6)), grid.state())
+        assert np.array_equal(grid.state(thresholds=Thresholds(0.25, 0.6)), grid.state())
         assert grid.notes == ()
 
     def test_what_a_saver_wrote_as_unknown_is_unknown(self, tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ class TestNav2:
     def test_any_map_under_any_thresholds(
         self, rules: str, grid: ProbabilityMap, limit: Thresholds
     ) -> None:
-        state = grid.state(limit)
+        state = grid.state(thresholds=limit)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "m.yaml"
             save_ros(grid, path, thresholds=limit)
@@ -114,10 +114,10 @@ class TestNav2:
 class TestRoundTrip:
     @given(grid=grids(), limit=limits())
     def test_trinary_keeps_every_state(self, grid: ProbabilityMap, limit: Thresholds) -> None:
-        expected = grid.state(limit)
+        expected = grid.state(thresholds=limit)
         expected[expected == State.UNDECIDED] = State.UNKNOWN
         again = round_trip(grid, "trinary", limit)
-        assert np.array_equal(again.state(limit), expected)
+        assert np.array_equal(again.state(thresholds=limit), expected)
         assert np.array_equal(again.state(), expected)
 
     @given(grid=grids(), limit=limits())
@@ -126,9 +126,9 @@ class TestRoundTrip:
     ) -> None:
         again = round_trip(grid, "scale", limit)
         assert np.array_equal(again.observed, grid.observed)
-        assert np.array_equal(again.state(limit), grid.state(limit))
+        assert np.array_equal(again.state(thresholds=limit), grid.state(thresholds=limit))
         step = np.where(
-            grid.state(limit) == State.UNDECIDED,
+            grid.state(thresholds=limit) == State.UNDECIDED,
             1.0 / (255.0 * (limit.occupied - limit.free)),
             1.0 / 255.0,
         )
@@ -247,5 +247,5 @@ def test_greys_keep_a_millionth_off_the_thresholds(tmp_path: Path, off: float, k
     limit = Thresholds(0.2 + off, 0.8 - off)
     path, _ = save_ros(grid, tmp_path / "m.yaml", mode="scale", thresholds=limit)
     again = load_ros(path)
-    assert again.state(limit).tolist() == [[State.FREE, State.OCCUPIED]]
+    assert again.state(thresholds=limit).tolist() == [[State.FREE, State.OCCUPIED]]
     assert np.allclose(again.probability, [[0.2, 0.8]], atol=1e-9) == kept

@@ -21,7 +21,7 @@ def test_state() -> None:
     grid = ProbabilityMap(p, observed, 0.1)
     assert grid.state().tolist() == want
     assert grid.state().dtype == np.int8
-    wide = grid.state(Thresholds(0.0, 1.0))
+    wide = grid.state(thresholds=Thresholds(0.0, 1.0))
     assert wide.tolist() == [[0, 50, 50], [50, 50, 50], [-1, -1, -1]]
 
 

@@ -110,7 +110,7 @@ def test_a_view_of_space() -> None:
     voxels = view.to_voxels()
     z, y, x = np.indices(state.shape).reshape(3, -1)
     everywhere = np.stack([x, y, z], axis=1) + lo
-    assert np.array_equal(voxels.state_at(everywhere, view.thresholds), state.ravel())
+    assert np.array_equal(voxels.state_at(everywhere, thresholds=view.thresholds), state.ravel())
     assert np.count_nonzero(state != State.UNKNOWN) == 3
     leaf = voxels.find(index)
     assert np.array_equal(voxels.log_odds[leaf], view.of_votes([3, 0, 1], [0, 3, 1]))

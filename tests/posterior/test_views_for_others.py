@@ -51,7 +51,7 @@ def test_a_ros_map_is_written_by_the_thresholds_of_the_view(
 ) -> None:
     there = view(2, limits)
     path, _ = there.save_ros(tmp_path / "m.yaml")
-    state = load_ros(path).state(limits)
+    state = load_ros(path).state(thresholds=limits)
     want = there.state()
     assert np.count_nonzero(want == State.OCCUPIED) == OCCUPIED_BY[limits]
     for decided in (State.OCCUPIED, State.FREE):

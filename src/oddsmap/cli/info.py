@@ -225,7 +225,7 @@ def _of_octomap(voxels: VoxelMap, path: Path) -> dict[str, Any]:
 
     from oddsmap.odds import State
 
-    state, cells = voxels.state(), voxels.side**3
+    state, cells = voxels.leaf_state(), voxels.side**3
     facts: dict[str, Any] = {
         "map": str(path),
         "format": "OctoMap",

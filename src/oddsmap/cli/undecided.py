@@ -31,7 +31,7 @@ def undecided_in_plane(
         view: what the grid was made of.
     """
     limits = thresholds or Thresholds()
-    undecided = grid.state(limits) == State.UNDECIDED
+    undecided = grid.state(thresholds=limits) == State.UNDECIDED
     count, seen = int(undecided.sum()), int(grid.observed.sum())
     if count < _NOTABLE * seen or count == 0:
         return None

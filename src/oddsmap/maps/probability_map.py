@@ -52,8 +52,12 @@ class ProbabilityMap:
         if not 0.0 < self.resolution < float("inf"):
             raise InputError(f"a map needs a positive resolution [m], got {self.resolution}")
 
-    def state(self, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
-        """Decide each cell: values of `State`, shape (ny, nx)."""
+    def state(self, *, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
+        """Decide each cell: values of `State`, shape (ny, nx).
+
+        Args:
+            thresholds: what is free and what is occupied; by default 0.196, 0.65.
+        """
         return (thresholds or Thresholds()).state(self.probability, self.observed)
 
 

@@ -7,6 +7,7 @@ never evidence. The 3D sibling of `ProbabilityMap`.
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import cell_box, cell_indices
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.map_files.morton import MORTON_BITS, morton
@@ -26,6 +27,7 @@ __all__ = ["VoxelMap", "load_octomap"]
 _HALF = 1 << 15
 """Maps within this many cells of the origin count their codes from there, as OctoMap does."""
 _MAX_LEVEL = 15
+_MAX_BOX = 1 << 31
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,10 +112,46 @@ class VoxelMap:
         """Cells along the side of each leaf, shape (n,)."""
         return np.int64(1) << self.level.astype(np.int64)
 
-    def state(self, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
+    def leaf_state(self, *, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
         """Decide each leaf: values of `State`, shape (n,)."""
         known = np.ones(len(self.index), np.bool_)
         return (thresholds or Thresholds()).state(self.probability, known)
+
+    def state(
+        self, region: Region | None = None, *, thresholds: Thresholds | None = None
+    ) -> npt.NDArray[np.int8]:
+        """Decide the cells of a box, as `Belief.state` does; for leaves see `leaf_state`.
+
+        Args:
+            region: (lo, hi), x first, hi past the last cell; None: the box of known cells.
+            thresholds: what is free and what is occupied; by default 0.196, 0.65.
+
+        Returns:
+            Values of `State`, `State.UNKNOWN` where no leaf is, shape (nz, ny, nx).
+
+        Raises:
+            InputError: the region is no (lo, hi) of three indices each, lo <= hi.
+            MapTooLargeError: the box has more than 2^31 cells.
+        """
+        nothing = (np.zeros(3, np.int64),) * 2
+        box = (self.bounds() or nothing) if region is None else region
+        if isinstance(box, Thresholds) or [np.shape(end) for end in box] != [(3,), (3,)]:
+            raise InputError(f"state takes a region (lo, hi), thresholds by name; got {box!r}")
+        lo, hi = (np.asarray(end, np.int64) for end in box)
+        if (hi < lo).any():
+            raise InputError(f"a region needs lo <= hi, got {lo.tolist()} and {hi.tolist()}")
+        shape = tuple(int(n) for n in (hi - lo)[::-1])
+        if math.prod(shape) > _MAX_BOX:
+            raise MapTooLargeError(
+                f"a box of {' x '.join(str(n) for n in shape[::-1])} cells: ask for a smaller "
+                "region, or for the state of the leaves alone (leaf_state)"
+            )
+        state = np.full(shape, State.UNKNOWN, np.int8)
+        index, probability = self.cells((lo, hi), max_cells=_MAX_BOX)
+        x, y, z = (index - lo).T
+        known = np.ones(len(index), np.bool_)
+        state[z, y, x] = (thresholds or Thresholds()).state(probability, known)
+        return state
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of known cells: first index and past the last, shape (3,); None if empty."""
@@ -138,11 +176,13 @@ class VoxelMap:
         return np.where(inside & (leaf >= 0) & (code < end), leaf, -1)
 
     def state_at(
-        self, index: npt.ArrayLike, thresholds: Thresholds | None = None
+        self, index: npt.ArrayLike, *, thresholds: Thresholds | None = None
     ) -> npt.NDArray[np.int8]:
         """Decide cells: values of `State`, `State.UNKNOWN` where no leaf is; shape (m,)."""
         leaf = self.find(index)
-        known = np.append(self.state(thresholds), np.int8(State.UNKNOWN))  # [-1] is the last
+        known = np.append(
+            self.leaf_state(thresholds=thresholds), np.int8(State.UNKNOWN)
+        )  # [-1] is the last
         return known[leaf]
 
     def cells(

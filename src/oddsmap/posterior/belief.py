@@ -74,10 +74,18 @@ class Belief(ABC):
         """p(occupied) of a region's cells; the prior where nothing is known."""
         return sigmoid(self.log_odds(region))
 
-    def state(self, region: Region | None = None) -> npt.NDArray[np.int8]:
-        """Unknown, free, undecided or occupied: values of `oddsmap.State`."""
+    def state(
+        self, region: Region | None = None, *, thresholds: Thresholds | None = None
+    ) -> npt.NDArray[np.int8]:
+        """Decide a region's cells: values of `oddsmap.State`.
+
+        Args:
+            region: (lo, hi); None: the box of known cells.
+            thresholds: what is free and what is occupied; by default this view's.
+        """
         box = self._region(region)
-        return self.thresholds.state(self.probability(box), observed=self.observed(box))
+        limits = thresholds or self.thresholds
+        return limits.state(self.probability(box), observed=self.observed(box))
 
     def cells(self) -> tuple[IntArray, FloatArray]:
         """The observed cells: index, shape (n, d), x first, and probability, shape (n,)."""
