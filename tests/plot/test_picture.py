@@ -69,8 +69,45 @@ class TestCells:
         picture = pixels(save_png(grid, tmp_path / "m.png"))
         assert max(picture.shape) <= 4200
         part = where(map_part(picture), OCCUPIED)
-        assert part.all(axis=1).sum() == 1
-        assert part.all(axis=0).sum() == 1
+        assert part.all(axis=1).sum() == 3
+        assert part.all(axis=0).sum() == 3
+
+    @pytest.mark.parametrize("cells", [1240, 1880, 3100, 5000])
+    def test_a_wall_of_one_cell_is_seen_at_the_size_of_a_screen(
+        self, tmp_path: Path, cells: int
+    ) -> None:
+        """No hairline: shrunk to 1000 pixels a wall has half of its black left, or more."""
+        probability = np.zeros((cells // 8, cells))
+        probability[:, cells // 3] = 1.0
+        probability[cells // 10 :, cells // 2] = 1.0  # a door: open below
+        grid = ProbabilityMap(probability, np.ones(probability.shape, np.bool_), 0.05)
+        with Image.open(save_png(grid, tmp_path / "m.png")) as image:
+            shade = map_part(np.asarray(image.convert("RGB"))).mean(axis=2)
+        small = np.asarray(
+            Image.fromarray(shade).resize((1000, shade.shape[0] * 1000 // shade.shape[1]),
+                                          Image.Resampling.BOX)
+        )  # fmt: skip
+        darkness = (255.0 - small) / (255.0 - np.mean(OCCUPIED))
+        wall, door = (slice(at - 4, at + 5) for at in (1000 // 3, 500))
+        assert darkness[:, wall].sum(axis=1).min() >= 0.5
+        assert darkness[: len(small) // 8, door].sum(axis=1).min() >= 0.5
+        assert darkness[len(small) // 3 :, door].max() == 0.0
+        assert darkness[:, 600:].max() == 0.0
+
+    def test_bold_spreads_what_is_occupied_alone(self) -> None:
+        probability = np.array([[0.1, 0.2, 0.1, 0.3, 0.1], [0.1, 0.1, 0.1, 0.1, 0.8]])
+        observed = np.array([[1, 1, 1, 0, 1], [1, 1, 1, 1, 1]], np.bool_)
+        plain, bold = (cell_colours(probability, observed, bold=bold) for bold in (False, True))
+        assert np.array_equal(bold[:, :3], plain[:, :3])
+        assert (bold[:, 3:] == plain[1, 4]).all()
+
+    def test_the_free_cells_of_a_block_are_averaged(self) -> None:
+        probability = np.array([[0.0, 0.4, 0.4], [0.2, 0.2, 0.6]])
+        observed = np.array([[1, 1, 1], [0, 1, 1]], np.bool_)
+        colours = cell_colours(probability, observed, block=2)
+        one = np.ones((1, 1), np.bool_)
+        assert tuple(colours[0, 0]) == tuple(cell_colours(np.array([[0.2]]), one)[0, 0])
+        assert tuple(colours[0, 1]) == tuple(cell_colours(np.array([[0.6]]), one)[0, 0])
 
     def test_block_takes_its_most_occupied_cell(self) -> None:
         probability = np.array([[0.0, 0.0, 0.2, 0.9], [1.0, 0.0, 0.9, 0.9], [0.0, 0.0, 0.0, 0.0]])

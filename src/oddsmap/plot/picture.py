@@ -2,7 +2,8 @@
 """One PNG of a map, made for people to look at.
 
 The picture is laid out in whole pixels: a cell is k by k pixels or, in a map too large for that, a
-pixel is b by b cells, so that no wall falls between two pixels.
+pixel is b by b cells, so that no wall falls between two pixels. Where a pixel is too fine for a wall
+of one cell to be seen, walls are drawn three pixels wide.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ _TRAJECTORY = "#e4572e"
 
 _MIN_PIXELS = 1200  # long side of the map; small maps get several pixels per cell
 _MAX_PIXELS = 3800  # with the margins for the text it stays below 4000
+_BOLD_FROM = 1900  # from here on a line of one pixel fades on a screen or on paper: walls take three
 _LONG_SIDE = 10.0  # [inch]; the text is sized for this, whatever the number of pixels
 _MARGIN = 0.025  # of the long side, around the observed cells
 _MIN_SIDE = 0.3  # a corridor is padded with unknown to this part of its length
@@ -47,6 +49,7 @@ class _Layout:
         columns: observed columns of the grid.
         limits: x0, x1, y0, y1 of the map frame [m], margin included.
         block: cells per pixel, along each side.
+        scale: pixels per cell, or per block.
         width: of the map [pixel].
         height: of the map [pixel].
     """
@@ -55,6 +58,7 @@ class _Layout:
     columns: slice
     limits: tuple[float, float, float, float]
     block: int
+    scale: int
     width: int
     height: int
 
@@ -71,7 +75,9 @@ def save_png(
 
     Only the observed part is shown, with a small margin. A map of more than 3800 cells per side is
     drawn with one pixel for a block of cells, which takes the colour of the most occupied cell
-    among them (an average would fade a wall of one cell away); it is unknown only if all are.
+    among them where that is rather occupied than free (an average would fade a wall of one cell
+    away), and else of their mean; it is unknown only if all are. A map of more than 1900 pixels per
+    side has its walls drawn three pixels wide.
 
     Args:
         grid: the map, at least one cell observed.
@@ -106,29 +112,57 @@ def save_png(
 
 
 def cell_colours(
-    probability: npt.NDArray[np.float64], observed: npt.NDArray[np.bool_], block: int = 1
+    probability: npt.NDArray[np.float64],
+    observed: npt.NDArray[np.bool_],
+    block: int = 1,
+    *,
+    bold: bool = False,
 ) -> npt.NDArray[np.uint8]:
-    """Colour cells, or blocks of cells, the most occupied of a block deciding.
+    """Colour cells, or blocks of cells, those rather occupied than free deciding.
 
     Args:
         probability: p(occupied), shape (ny, nx).
         observed: True where there was evidence, same shape.
         block: cells per pixel, along each side.
+        bold: True: what is rather occupied than free spreads to the pixels around it.
 
     Returns:
         RGB, shape (ceil(ny / block), ceil(nx / block), 3).
     """
     value = np.where(observed, probability, -1.0).astype(np.float32)  # -1 loses against any other
-    ny, nx = value.shape
-    value = np.pad(value, ((0, -ny % block), (0, -nx % block)), constant_values=-1.0)
-    rows, columns = value.shape[0] // block, value.shape[1] // block
-    value = value.reshape(rows, block, columns, block).max(axis=(1, 3))
-    colour = np.empty((rows, columns, 3), dtype=np.uint8)
+    if block > 1:
+        value = _of_blocks(value, block)
+    if bold:
+        around = _largest_around(value)
+        value = np.where(around > 0.0, around, value)
+    colour = np.empty((*value.shape, 3), dtype=np.uint8)
     for channel in range(3):
         free, occupied = _FREE[channel], _OCCUPIED[channel]
         shade = np.rint(free + (occupied - free) * np.clip(value, 0.0, 1.0))
         colour[..., channel] = np.where(value < 0.0, _UNKNOWN[channel], shade)
     return colour
+
+
+def _of_blocks(value: npt.NDArray[np.float32], block: int) -> npt.NDArray[np.float32]:
+    """The largest of each block of cells from 0.5 on, else the mean of those observed, else -1."""
+    ny, nx = value.shape
+    value = np.pad(value, ((0, -ny % block), (0, -nx % block)), constant_values=-1.0)
+    rows, columns = value.shape[0] // block, value.shape[1] // block
+    value = value.reshape(rows, block, columns, block)
+    largest, seen = value.max(axis=(1, 3)), (value >= 0.0).sum(axis=(1, 3))
+    total = np.maximum(value, 0.0).sum(axis=(1, 3))
+    mean = total / np.maximum(seen, 1)
+    return np.asarray(np.where((largest >= 0.5) | (seen == 0), largest, mean), np.float32)
+
+
+def _largest_around(value: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """The largest value of each pixel and the eight around it where it is from 0.5 on, else 0."""
+    for axis in (0, 1):
+        wide = np.pad(value, [(1, 1) if each == axis else (0, 0) for each in (0, 1)],
+                      constant_values=-1.0)  # fmt: skip
+        parts = [wide.take(range(k, k + value.shape[axis]), axis=axis) for k in range(3)]
+        value = np.maximum(np.maximum(parts[0], parts[1]), parts[2])
+    return np.where(value >= 0.5, value, np.float32(0.0))
 
 
 def _layout(grid: ProbabilityMap) -> _Layout:
@@ -151,7 +185,7 @@ def _layout(grid: ProbabilityMap) -> _Layout:
     x0, y0 = np.array(grid.origin) + r * (low - pad)
     x1, y1 = np.array([x0, y0]) + r * block * blocks
     width, height = (int(n) * scale for n in blocks)
-    return _Layout(rows, columns, (x0, x1, y0, y1), block, width, height)
+    return _Layout(rows, columns, (x0, x1, y0, y1), block, scale, width, height)
 
 
 def _draw(grid: ProbabilityMap, title: str | None, line: npt.NDArray[np.float64] | None) -> Figure:
@@ -188,7 +222,8 @@ def _draw_cells(axes: Axes, grid: ProbabilityMap, layout: _Layout) -> None:
     from matplotlib.transforms import Affine2D
 
     part = (layout.rows, layout.columns)
-    picture = cell_colours(grid.probability[part], grid.observed[part], layout.block)
+    bold = max(layout.width, layout.height) > _BOLD_FROM and layout.scale == 1
+    picture = cell_colours(grid.probability[part], grid.observed[part], layout.block, bold=bold)
     r = grid.resolution
     x, y = layout.columns.start * r, layout.rows.start * r
     side = r * layout.block
