@@ -2,8 +2,8 @@
 """One PNG of a map, made for people to look at.
 
 The picture is laid out in whole pixels: a cell is k by k pixels or, in a map too large for that, a
-pixel is b by b cells, so that no wall falls between two pixels. Where a pixel is too fine for a wall
-of one cell to be seen, walls are drawn three pixels wide.
+pixel is b by b cells, so that no wall falls between two pixels. Where a line of one pixel is too
+fine to be seen, walls are drawn three pixels wide.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _TRAJECTORY = "#e4572e"
 
 _MIN_PIXELS = 1200  # long side of the map; small maps get several pixels per cell
 _MAX_PIXELS = 3800  # with the margins for the text it stays below 4000
-_BOLD_FROM = 1900  # from here on a line of one pixel fades on a screen or on paper: walls take three
+_BOLD_FROM = 1900  # from here on a line of one pixel fades on a screen: walls take three
 _LONG_SIDE = 10.0  # [inch]; the text is sized for this, whatever the number of pixels
 _MARGIN = 0.025  # of the long side, around the observed cells
 _MIN_SIDE = 0.3  # a corridor is padded with unknown to this part of its length
