@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -83,11 +84,13 @@ def test_a_look_changes_no_bit(run: Run, tmp_path: Path, hold_out: tuple[object,
 
 def test_a_full_map_is_watched_too(run: Run, tmp_path: Path) -> None:
     beams = [
-        (s.map_from_sensor.x * 1000, s.map_from_sensor.y * 1000, s.map_from_sensor.theta + a, r)
-        for s in office()[:60]
-        for a, r in zip(np.arctan2(s.directions[:, 1], s.directions[:, 0])[::6], s.ranges[::6],
-                        strict=True)
-    ]  # fmt: skip
+        (1000 * pose.translation[0], 1000 * pose.translation[1], math.atan2(*axis[::-1]), reading)
+        for scan in office()[:60]
+        for pose in (scan.map_from_sensor,)
+        for axis, reading in zip(
+            scan.directions[::6] @ pose.rotation.T, scan.ranges[::6], strict=True
+        )
+    ]
     path = tmp_path / "beams.npz"
     np.savez(path, beams=np.array(beams), scan=np.repeat(np.arange(60), len(beams) // 60),
              range_max=8.0)  # fmt: skip

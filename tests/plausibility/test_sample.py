@@ -93,7 +93,7 @@ def test_a_watched_log_is_read_once_and_is_the_log() -> None:
     watched = WatchedLog(log, Sample(log.scan_count))
     assert (watched.path, watched.format, len(watched)) == ("some", "toy", 30)
     assert watched.sensor == {"range_max": 9}
-    numbers = [s.map_from_sensor.x for s in watched]
+    numbers = [s.map_from_sensor.translation[0] for s in watched]
     assert numbers == list(range(30))
     first = len(watched.sample.glances)
     assert list(watched) is not None
