@@ -83,8 +83,8 @@ def read_header(path: Path, kind: str) -> Header:
             "update oddsmap"
         )
     names = list(_mapping(attributes["shards"], "shards"))
-    if not set(names) <= set(ARRAYS[kind]):
-        raise ValueError(f"attribute shards lists arrays that are no map's: {names!r:.80}")
+    if not names or not set(names) <= set(ARRAYS[kind]):
+        raise ValueError(f"attribute shards lists the arrays {names!r:.80}, which are no map's")
     zarrs = {name: read_json(path / name / "zarr.json") for name in names}
     _check_seal(attributes, zarrs)
     origin = whole_numbers(attributes, "origin_cell")

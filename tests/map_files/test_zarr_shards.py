@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A shard unpacks to no more than it should, and is looked at before it is unpacked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numcodecs.zstd import Zstd
+
+from oddsmap import load_map
+from oddsmap.errors import InputError
+from oddsmap.map_files.zarr_shards import _unpacked_bytes, check_shard
+from tests.saved_maps_kit import KINDS
+
+CHUNKS, BYTES = 64, 128 * 128
+
+
+@pytest.fixture
+def shard(tmp_path: Path) -> Path:
+    KINDS["2D"].make(2).save(tmp_path / "a.zarr")
+    return tmp_path / "a.zarr" / "hits" / "c" / "0" / "0"
+
+
+@pytest.mark.parametrize("size", [1, 255, 256, 257, 65791, 65792, 1 << 20])
+def test_the_length_of_a_frame(size: int) -> None:
+    for content in (bytes(size), np.random.default_rng(0).bytes(size)):
+        assert _unpacked_bytes(Zstd(checksum=True).encode(content)[:18]) == size
+    assert _unpacked_bytes(b"\x28\xb5\x2f\xfd\x00\x58\x00") is None  # says nothing
+    assert _unpacked_bytes(b"PK\x03\x04 and more") is None
+
+
+def test_a_whole_shard(shard: Path) -> None:
+    check_shard(shard, chunks=CHUNKS, chunk_bytes=BYTES)
+    with pytest.raises(ValueError, match="does not unpack to 16385 bytes"):
+        check_shard(shard, chunks=CHUNKS, chunk_bytes=BYTES + 1)
+
+
+def refused(shard: Path, content: bytes) -> str:
+    shard.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        load_map(shard.parents[3])
+    return str(caught.value)
+
+
+def test_a_chunk_that_would_fill_the_memory(shard: Path) -> None:
+    content = shard.read_bytes()
+    index = np.frombuffer(content[-16 * CHUNKS - 4 : -4], "<u8").reshape(-1, 2)
+    start = int(index[index[:, 0] < len(content)][0, 0])
+    bomb = b"\x28\xb5\x2f\xfd\xe0" + (1 << 50).to_bytes(8, "little")
+    assert "does not unpack to 16384 bytes" in refused(
+        shard, content[:start] + bomb + content[start + len(bomb) :]
+    )
+
+
+def test_a_chunk_outside_its_file(shard: Path) -> None:
+    content = shard.read_bytes()
+    away = (1 << 63).to_bytes(8, "little")
+    assert "lies outside the file" in refused(
+        shard, content[: -16 * CHUNKS - 4] + away * (2 * CHUNKS + 1)
+    )
+    assert "less than its index" in refused(shard, content[:100])
+
+
+def test_a_file_outside_the_map(shard: Path) -> None:
+    (shard.parent / "7").write_bytes(shard.read_bytes())
+    with pytest.raises(InputError, match=r"a file of shard \(0, 7\) lies outside the map"):
+        load_map(shard.parents[3])
