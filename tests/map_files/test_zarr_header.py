@@ -81,7 +81,7 @@ ROOT = [
     ("known_cells_hi", [-5, 4], "lie outside the arrays"),
     ("known_cells_hi", [4, 7, 1], "lie outside the arrays"),
     ("shards", {}, "attribute shards lists the arrays [], which are no"),
-    ("shards", {"hits": [], "passes": [], "lengths": [], "more": []}, "'more'], which are no map's"),
+    ("shards", {"hits": [], "passes": [], "lengths": [], "more": []}, "which are no map's"),
     ("shards", {"hits": [], "passes": [[0, 9]], "lengths": []}, "lists [0, 9] of passes, outside"),
     ("shards", {"hits": [], "passes": [[0]], "lengths": []}, "lists [0] of passes, outside"),
     ("shards", {"hits": [], "passes": [[-1, 0]], "lengths": []}, "lists [-1, 0] of passes"),
