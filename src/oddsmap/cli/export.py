@@ -168,7 +168,7 @@ def export(
     }  # fmt: skip
     view = _view_of(posterior, stated)
     _check_suffix(output, mode)
-    with working(f"exporting {output}", quiet=voice.still):
+    with working(f"writing {output.name}", quiet=voice.still):
         written = view.write(source, output, stated, force)
     voice.say(f"wrote    {', '.join(str(path) for path in written.files)}")
     if written.note is not None:

@@ -70,7 +70,7 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
     from oddsmap.full_map.store import is_full_map
     from oddsmap.map_files.octomap_reader import is_octomap
 
-    with working(f"reading {path}", quiet=quiet, compiles=False):
+    with working(f"reading {path.name}", quiet=quiet, compiles=False):
         if is_map(path):
             from oddsmap.evidence_map import load_map
 

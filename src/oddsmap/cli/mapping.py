@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps, working
@@ -53,7 +54,7 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
             total.compile_s += report.compile_s
             total.read_s += report.read_s
     _note_held_out(evidence.provenance, opened.logs)
-    with working(f"saving {plan.output}", quiet=plan.quiet):
+    with working(f"saving {plan.output.name}", quiet=plan.quiet):
         evidence.save(plan.output, force=plan.force)
     return facts_of(evidence, plan.output), total
 
@@ -94,12 +95,12 @@ def _full_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     estimator = FullMapEstimator(config, threads=plan.threads)
     with working("reading", quiet=plan.quiet) as say:
         for part in opened.logs:
-            say(f"reading {part.log.path}")
+            say(f"reading {Path(part.log.path).name}")
             estimator.add_log(part.log)
     with progress_of_sweeps(config.full_map.sweeps, quiet=plan.quiet) as advance:
         full_map = estimator.estimate(advance)
     _note_held_out(full_map.provenance, opened.logs)
-    with working(f"saving {plan.output}", quiet=plan.quiet):
+    with working(f"saving {plan.output.name}", quiet=plan.quiet):
         full_map.save(plan.output, force=plan.force)
     return facts_of_full_map(full_map, plan.output), estimator.report
 

@@ -104,7 +104,7 @@ def score(
     if plot is not None:
         check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
     check_files([grid, log, poses, times], plot, force=force)
-    with working(f"loading {grid}", quiet=voice.still):
+    with working(f"loading {grid.name}", quiet=voice.still):
         belief, stored, provenance = _load(grid)
     whole = log_options.open(log)
     every = _held_out_of(provenance, grid, log) if held_out else None

@@ -93,4 +93,4 @@ def _in_toml(text: str) -> str:
     for python, toml in (("None", "not set"), ("True", "true"), ("False", "false")):
         text = re.sub(rf"\b{python}\b", toml, text)
     text = text.replace(". not set", ". Not set")
-    return text[:1].upper() + text[1:]
+    return text if text.startswith(("true", "false")) else text[:1].upper() + text[1:]
