@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Messages are one printable line, whatever is quoted in them."""
+"""Messages are one printable line, and ask about a word that is nearly right."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from oddsmap.errors import (
     OddsmapError,
     OutputError,
     as_line,
+    did_you_mean,
     shown,
 )
+
+SENSORS = ("lidar2d", "lidar3d", "depth", "sonar", "tof", "overhead")
 
 
 @pytest.mark.parametrize("kind", [ConfigError, InputError, MapTooLargeError, OutputError])
@@ -66,3 +69,19 @@ def test_a_tree_of_aliases_is_shown_at_once() -> None:
         tree = [tree] * 9
     assert shown(tree) == "[[[...], [...], [...], ...], [[...], [...], [...], ...], [[...], [...], [...], ...], ...]"  # fmt: skip  # noqa: E501
     assert shown({"a": tree}).startswith("{'a': [[...]")
+
+
+@pytest.mark.parametrize(
+    ("said", "known", "asked"),
+    [
+        ("lidar", SENSORS, ', did you mean "lidar2d" or "lidar3d"?'),
+        ("lidar2", SENSORS, ', did you mean "lidar2d"?'),
+        ("Sonar", SENSORS, ', did you mean "sonar"?'),
+        ("camera", SENSORS, ""),
+        ("", SENSORS, ""),
+        ("range_mx", {"range_min": 1, "range_max": 2}, ', did you mean "range_max"?'),
+        ("x", (), ""),
+    ],
+)
+def test_did_you_mean(said: str, known: tuple[str, ...], asked: str) -> None:
+    assert did_you_mean(said, known) == asked

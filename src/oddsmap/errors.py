@@ -54,7 +54,7 @@ class RecoveryWarning(UserWarning):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """A question for messages: `did you mean "a" or "b"? `; empty where nothing is near.
+    """A question for messages: `, did you mean "a" or "b"?`; empty where nothing is near.
 
     Args:
         name: what was said.
@@ -67,7 +67,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     if best < 0.5:
         return ""
     near = [f'"{word}"' for word, ratio in likeness.items() if ratio == best]
-    return f"did you mean {' or '.join(near)}? "
+    return f", did you mean {' or '.join(near)}?"
 
 
 def as_line(text: str, longest: int = _LONGEST) -> str:

@@ -17,6 +17,7 @@ from oddsmap.cli.app import app
 from tests.cli.conftest import Run
 
 COMMANDS = ("build", "export", "info", "config", "calibrate", "score", "landmarks", "demo")
+CALLBACKS = {c.callback.__name__: c.callback for c in app.registered_commands if c.callback}
 OF_SETTINGS = ("build", "calibrate", "score")
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -37,7 +38,7 @@ def test_help_and_version(run: Run) -> None:
     assert "oddsmap build" in page
     assert oddsmap.__version__ in run("--version").out
     assert run("-h").out == page
-    assert set(COMMANDS) == {callback.callback.__name__ for callback in app.registered_commands}
+    assert set(COMMANDS) == set(CALLBACKS)
 
 
 def test_summaries_are_whole(run: Run) -> None:
@@ -63,8 +64,7 @@ def test_pages_fit_into_80_columns(run: Run, command: str) -> None:
 def test_each_option_says_what_it_takes_and_what_it_is_without(run: Run, command: str) -> None:
     """Units or kinds of numbers as the name of the value; required, or a default."""
     page = " ".join(run(command, "-h").out.split())
-    (callback,) = (c.callback for c in app.registered_commands if c.callback.__name__ == command)
-    hints = get_type_hints(callback)
+    hints = get_type_hints(CALLBACKS[command])
     for parameter in parameters(command):
         help_of = parameter.help or ""
         assert help_of or parameter.name == "help", parameter.name
@@ -101,6 +101,8 @@ def test_formats_are_listed(run: Run) -> None:
         (["build", "x", "-o", "y", "--estimator", "full"], 'did you mean "full-map"?'),
         (["export", "x", "y", "--show", "intervalwidth"], 'did you mean "interval-width"?'),
         (["build", "x", "-o", "y", "--votes", "zzz"], "'scan', 'beam'"),
+        (["build", "x", "-o", "y", "--resolution", "5cm"], "5cm"),
+        (["build", "x", "-o", "y", "--range-max=0,1"], "0,1"),
         (["build", "x", "-o", "y", "--resolutin", "1"], "--resolution"),
     ],
 )

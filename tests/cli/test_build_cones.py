@@ -109,7 +109,7 @@ def test_settings(run: Run, sonar: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("sensor.cone=20", 'no field of [sensor] of kind cone is called "cone"; did you mean'),
+        ("sensor.cone=20", 'no field of [sensor] of kind cone is called "cone", did you mean'),
         ("sensor.cone_deg=181", "up to 180 degrees, got 181"),
         ("sensor.fade=2", 'no field of [sensor] of kind cone is called "fade"'),
         ("sensor.pass_falloff=2", "sensor.pass_falloff lies between 0 and 1, got 2"),

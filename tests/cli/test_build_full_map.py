@@ -157,7 +157,7 @@ def test_settings(run: Run, sonar: Path, tmp_path: Path) -> None:
     [
         (("--set", "sensor.p_random=0"), "sensor.p_random lies above 0"),
         (("--set", "full_map.prior=1"), "full_map.prior lies between 0 and 1, got 1"),
-        (("--set", "full_map.swep=1"), 'is called "swep"; did you mean "sweeps"'),
+        (("--set", "full_map.swep=1"), 'is called "swep", did you mean "sweeps"'),
         (("--set", "sensor.cone_deg=200"), "up to 180 degrees, got 200"),
         (("--set", "map.half_life=9"), "map.half_life is for the filter"),
         (("--set", "sensor.mark_z_min=0.1"), "sensor.mark_z_min is for the filter"),

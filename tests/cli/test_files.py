@@ -139,10 +139,21 @@ def test_what_is_written(tmp_path: Path) -> None:
     check_files([file], other, force=False)
 
 
+def test_a_map_where_a_log_is_needed(run: Run, there: Path) -> None:
+    grid = there / "m.zarr"
+    (grid / "zarr.json").touch()
+    for words in (
+        ("build", grid, "--resolution", 1, "-o", there / "n.zarr"),
+        ("calibrate", grid, "--resolution", 1, "-o", there / "n.toml"),
+        ("score", grid, grid),
+    ):
+        assert "m.zarr: is a saved map, not a log: give the log" in run(*words).line
+
+
 def test_suffixes() -> None:
     known = (".png", ".yaml")
     check_suffix(Path("a.PNG"), known, "a picture or a map")
-    with pytest.raises(ConfigError, match=r'^a\.pgn: a or b; got "\.pgn" did you mean "\.png"\?$'):
+    with pytest.raises(ConfigError, match=r'^a\.pgn: a or b; got "\.pgn", did you mean "\.png"\?$'):
         check_suffix(Path("a.pgn"), known, "a or b")
     with pytest.raises(ConfigError, match=r'^a: a or b; got ""$'):
         check_suffix(Path("a"), known, "a or b")

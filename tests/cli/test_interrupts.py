@@ -135,7 +135,7 @@ def test_an_import_that_would_swallow_it_is_finished_first(
 
         len("the next call")
         pytest.fail("was not interrupted")
-    assert sys.modules["stranger"].finished  # type: ignore[attr-defined]
+    assert sys.modules["stranger"].finished
     assert not stranger.__spec__._initializing
 
 

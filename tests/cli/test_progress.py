@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
@@ -72,7 +73,7 @@ def test_compiling_is_said_when_it_happens_and_for_whom() -> None:
     def double(x: float) -> float:
         return x + x
 
-    anew = numba.njit(double)
+    anew: Callable[[float], float] = numba.njit()(double)
     with when_compiling(said.append):
         anew(1)
         anew(1.0)  # once is enough
@@ -80,6 +81,14 @@ def test_compiling_is_said_when_it_happens_and_for_whom() -> None:
     with when_compiling(said.append):
         anew(1)  # compiled already
     assert said == [EACH_TIME]
+
+
+def test_what_is_said_of_compiling_stays_above_the_bar(screen: io.StringIO) -> None:
+    for quiet in (True, False):
+        with progress.progress_of_sweeps(3, quiet=quiet):
+            numba.njit()(lambda x: x + 1)(quiet)
+        assert (EACH_TIME in screen.getvalue()) != quiet
+    assert screen.getvalue().count("compiling ") > 1
 
 
 def test_compiling_for_good(tmp_path: Path) -> None:
@@ -90,7 +99,6 @@ def test_compiling_for_good(tmp_path: Path) -> None:
     from numba.core import event
 
     said: list[str] = []
-    with when_compiling(said.append):
-        event.start_event("numba:compile", {"dispatcher": kernel})
-        event.end_event("numba:compile", {"dispatcher": kernel})
+    with when_compiling(said.append), event.trigger_event("numba:compile", {"dispatcher": kernel}):
+        pass
     assert said == [ONCE]

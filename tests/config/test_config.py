@@ -384,10 +384,10 @@ def test_whole_numbers_are_numbers() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"sensr": {}}, '"sensr"; did you mean "sensor"'),
-        ({"sensor": {"range_mx": 3.0}}, '"range_mx"; did you mean "range_max"'),
-        ({"map": {"votse": "beam"}}, '"votse"; did you mean "votes"'),
-        ({"posterior": {"priors": 0.5}}, '"priors"; did you mean "prior"'),
+        ({"sensr": {}}, '"sensr", did you mean "sensor"'),
+        ({"sensor": {"range_mx": 3.0}}, '"range_mx", did you mean "range_max"'),
+        ({"map": {"votse": "beam"}}, '"votse", did you mean "votes"'),
+        ({"posterior": {"priors": 0.5}}, '"priors", did you mean "prior"'),
         ({"zzzz": {}}, 'no section is called "zzzz"'),
         ({"sensor": 3}, r"\[sensor\] is a section, got 3"),
         ({}, "map.resolution is missing"),

@@ -123,7 +123,7 @@ class BuildPlan:
         self.layers.check_values()
 
     def _check_files(self) -> None:
-        from oddsmap.cli.files import check_files, check_suffix
+        from oddsmap.cli.files import check_files, check_logs, check_suffix
 
         suffix = self.output.suffix.lower()
         made = f"; oddsmap export makes {suffix} of it" if suffix in EXPORTED else ""
@@ -131,4 +131,5 @@ class BuildPlan:
             self.output, ("", ".zarr"), f"a map is a Zarr folder, by custom NAME.zarr{made}"
         )
         read = [*self.logs, self.log_options.poses, self.log_options.times]
+        check_logs(self.logs)
         check_files(read, self.output, force=self.force, is_map=True)

@@ -83,7 +83,7 @@ def calibrate(
 ) -> None:
     """Calibrate the sensor: see `HELP`."""
     from oddsmap.atomic_write import atomic_output
-    from oddsmap.cli.files import check_files, check_suffix
+    from oddsmap.cli.files import check_files, check_logs, check_suffix
     from oddsmap.scoring.calibration import calibrate as calibrate_sensor
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
@@ -100,6 +100,7 @@ def calibrate(
     )
     layers = _read_layers(config, settings, resolution)
     check_suffix(output, (".toml",), "a sensor is written as TOML; give a name that ends in .toml")
+    check_logs([log])
     check_files([log, poses, times], output, force=force)
     opened = log_options.open(log)
     start = layers.resolve(opened)

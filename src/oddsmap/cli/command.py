@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from typing import Any
 
 from typer.core import TyperCommand
@@ -28,16 +29,27 @@ class Command(TyperCommand):
         """As the parser does; a word that is none of several is compared with those."""
         from oddsmap.errors import did_you_mean
 
+        words = list(args)
         try:
             return super().parse_args(ctx, args)
         except Exception as error:  # the parser's own errors, of which there is no public name
             message = getattr(error, "message", "").removeprefix("Value error, ")
-            said = _NOT_ONE_OF.match(message)
-            if said:
-                question = did_you_mean(said[1], re.findall(r"'(.+?)'", said[2])).strip()
-                message = f"{message.removesuffix('.')}; {question}" if question else message
-                error.message = message  # type: ignore[attr-defined]
+            if said := _NOT_ONE_OF.match(message):
+                question = did_you_mean(said[1], re.findall(r"'(.+?)'", said[2]))
+                error.message = message.removesuffix(".") + question  # type: ignore[attr-defined]
+            elif message.startswith("Input should be a valid number"):
+                got = _value_of(getattr(error, "param", None), words)
+                error.message = f"a number is needed{got}"  # type: ignore[attr-defined]
             raise
+
+
+def _value_of(parameter: Any, words: list[str]) -> str:
+    """What was typed for an option: ", got 5cm"; empty where that is not to be found."""
+    for word, following in pairwise([*words, ""]):
+        option, equals, value = word.partition("=")
+        if option in getattr(parameter, "opts", ()):
+            return f", got {value if equals else following}"
+    return ""
 
 
 def _filled(text: str | None) -> str | None:

@@ -23,7 +23,7 @@ def when_compiling(say: Callable[[str], None]) -> Iterator[None]:
     """
     from numba.core import event
 
-    class Listener(event.Listener):  # type: ignore[misc]
+    class Listener(event.Listener):
         said = False
 
         def on_start(self, started: Any) -> None:

@@ -66,7 +66,7 @@ def config(
         if which not in known:
             sections = ", ".join(dict.fromkeys(f.section for f in fields))
             raise ConfigError(
-                f"{which}: no such section or field, {did_you_mean(which, known)}"
+                f"{which}: no such section or field{did_you_mean(which, known)} "
                 f"(sections: {sections})"
             )
         fields = [f for f in fields if which in (f.section, f"{f.section}.{f.name}")]

@@ -201,7 +201,7 @@ def _view_of(posterior: str, stated: Mapping[str, Any]) -> _View:
 
     if posterior not in _VIEWS:
         raise ConfigError(
-            f"--posterior {posterior}: there is no such view, {did_you_mean(posterior, _VIEWS)}"
+            f"--posterior {posterior}: there is no such view{did_you_mean(posterior, _VIEWS)} "
             f"(known: {', '.join(_VIEWS)})"
         )
     view = _VIEWS[posterior]

@@ -90,9 +90,7 @@ def _check_values(options: Mapping[str, Any], prior: float | None) -> None:
         raise ConfigError(f"--z-min has to lie below --z-max, got {low:g} and {high:g}")
 
 
-def _open(
-    source: Path, prior: float | Path | None, rates: Mapping[str, float | None]
-) -> Belief | VoxelMap:
+def _open(source: Path, prior: float | Path | None, rates: Mapping[str, Any]) -> Belief | VoxelMap:
     from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import load_map
     from oddsmap.full_map.full_map import load_full_map

@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["check_files", "check_suffix"]
+__all__ = ["check_files", "check_logs", "check_suffix"]
 
 
 def check_files(
@@ -66,6 +66,22 @@ def _check_input(path: Path) -> None:
         )
 
 
+def check_logs(logs: Iterable[Path]) -> None:
+    """Refuse maps where logs are to be read.
+
+    Raises:
+        InputError: one is a map.
+    """
+    from oddsmap.errors import InputError
+
+    for path in logs:
+        if (path / "zarr.json").is_file():
+            raise InputError(
+                f"{path}: is a saved map, not a log: give the log; oddsmap info and oddsmap export "
+                "read maps"
+            )
+
+
 def check_suffix(output: Path, known: Iterable[str], meaning: str) -> None:
     """Refuse an output whose suffix does not say what to write.
 
@@ -81,5 +97,5 @@ def check_suffix(output: Path, known: Iterable[str], meaning: str) -> None:
 
     suffix = output.suffix.lower()
     if suffix not in known:
-        question = did_you_mean(suffix, known).strip() if suffix else ""
-        raise ConfigError(f'{output}: {meaning}; got "{output.suffix}" {question}'.strip())
+        question = did_you_mean(suffix, known) if suffix else ""
+        raise ConfigError(f'{output}: {meaning}; got "{output.suffix}"{question}')

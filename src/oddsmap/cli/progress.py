@@ -11,7 +11,7 @@ from oddsmap.cli.compiling import when_compiling
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import Progress, TaskID
 
 __all__ = [
     "progress_of_fit",
@@ -48,7 +48,7 @@ def progress_of_logs(
 
             return of_log
 
-        with when_compiling(lambda what: bar.update(task, description=what)):
+        with when_compiling(_on(bar, task)):
             yield advance
 
 
@@ -67,7 +67,7 @@ def progress_of_scans(
     with _bar(quiet=quiet) as bar:
         task = bar.add_task(what, total=total)
         listen = when_compiling if compiles else nullcontext
-        with listen(lambda said: bar.update(task, description=said)):
+        with listen(_on(bar, task)):
             yield lambda done: bar.update(task, description=what, completed=done)
 
 
@@ -76,7 +76,7 @@ def progress_of_sweeps(max_sweeps: int, *, quiet: bool) -> Iterator[Callable[[in
     """A bar on stderr; gives the callback for a sweep's number and residual."""
     with _bar(quiet=quiet) as bar:
         task = bar.add_task(_GETTING_READY, total=max_sweeps)
-        with when_compiling(lambda what: bar.update(task, description=what)):
+        with when_compiling(_on(bar, task)):
             yield lambda sweep, residual: bar.update(
                 task,
                 description=f"sweeping, messages still move by {residual:.2g}",
@@ -115,7 +115,7 @@ def working(what: str, *, compiles: bool = True, quiet: bool) -> Iterator[Callab
         def say(instead: str) -> None:
             line.update(task, description=instead)
 
-        with when_compiling(say) if compiles else nullcontext():
+        with when_compiling(_on(line, task)) if compiles else nullcontext():
             yield say
 
 
@@ -141,6 +141,17 @@ def _bar(*, quiet: bool) -> Progress:
     )
     shown = not quiet and console.is_terminal
     return Progress(*columns, console=console, transient=True, disable=not shown)
+
+
+def _on(bar: Progress, task: TaskID) -> Callable[[str], None]:
+    """What says that kernels are compiled: the sentence stays above the bar."""
+
+    def say(what: str) -> None:
+        if not bar.disable:
+            bar.console.print(what, markup=False, highlight=False)
+        bar.update(task, description="compiling")
+
+    return say
 
 
 def _console() -> Console:

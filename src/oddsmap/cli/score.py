@@ -82,7 +82,7 @@ def score(
     verbose: Verbose = False,
 ) -> None:
     """Score a map: see `HELP`."""
-    from oddsmap.cli.files import check_files, check_suffix
+    from oddsmap.cli.files import check_files, check_logs, check_suffix
     from oddsmap.scans.split_log import hold_out
     from oddsmap.scoring.held_out import score_map
 
@@ -103,6 +103,7 @@ def score(
     layers.check_values()
     if plot is not None:
         check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
+    check_logs([log])
     check_files([grid, log, poses, times], plot, force=force)
     with working(f"loading {grid.name}", quiet=voice.still):
         belief, stored, provenance = _load(grid)

@@ -42,7 +42,7 @@ def check_name(stated: str | None) -> None:
     known = sensor_names()
     if stated is not None and stated not in known:
         raise ConfigError(
-            f"--sensor {stated}: not available, {did_you_mean(stated, known)}"
+            f"--sensor {stated}: not available{did_you_mean(stated, known)} "
             f"(known: {', '.join(known)})"
         )
 

@@ -109,7 +109,7 @@ class SettingLayers:
         for kind in KINDS if stated is None else [stated]:
             fields = {field.name for field in dataclasses.fields(KINDS[kind])}
             said = {name: value for name, value in _OF_A_LOG.items() if name in fields}
-            base = {"map": {"resolution": 1.0}, "sensor": {"kind": kind, **said}}
+            base: Layer = {"map": {"resolution": 1.0}, "sensor": {"kind": kind, **said}}
             try:
                 resolve(("log", base), *self.layers)
                 return

@@ -282,6 +282,6 @@ def _is_number(value: object) -> bool:
 def _known(name: str, names: Mapping[str, object], where: str, what: str) -> None:
     if name not in names:
         raise ConfigError(
-            f'{where}: no {what} is called "{name}"; {did_you_mean(name, names)}'
+            f'{where}: no {what} is called "{name}"{did_you_mean(name, names)} '
             f"(known: {', '.join(names)})"
         )
