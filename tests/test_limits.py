@@ -7,11 +7,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from oddsmap import limits
-from oddsmap.errors import InputError
-from oddsmap.limits import check_content_size, memory_limit
+from oddsmap.errors import InputError, MapTooLargeError
+from oddsmap.evidence_map import build_map
+from oddsmap.limits import check_content_size, memory_for, memory_limit
+from oddsmap.readers import open_log
+from oddsmap.sensors.beam import BeamSensor
+from tests.kit import random_scans
 
 GB = 1 << 30
 
@@ -81,3 +86,28 @@ def test_content_that_does_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     message = r"a\.npz: the file takes 3\.22 GB, at most 2\.15 GB fit in memory here: split"
     with pytest.raises(InputError, match=message):
         check_content_size("a.npz", 3 * GB, "the file")
+
+
+def test_memory_that_runs_out_is_one_line() -> None:
+    message = r"no memory for the map: use a coarser resolution$"
+    with (
+        pytest.raises(MapTooLargeError, match=message) as caught,
+        memory_for("the map", "use a coarser resolution"),
+    ):
+        raise MemoryError("Unable to allocate 29 TiB")
+    assert caught.value.__suppress_context__
+    with pytest.raises(MapTooLargeError, match=r"^ours$"), memory_for("the map", "use"):
+        raise MapTooLargeError("ours")
+
+
+def test_mapping_and_reading_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(BeamSensor, "segments", fail)
+    with pytest.raises(MapTooLargeError, match="no memory for what the scans need: use a coarser"):
+        build_map(random_scans(1, 1), 0.1)
+    np.savez(tmp_path / "a.npz", beams=np.ones((2, 4)))
+    monkeypatch.setattr("oddsmap.readers.npz_beams._directions", fail)
+    with pytest.raises(MapTooLargeError, match=r"no memory for the log .*a\.npz: split it"):
+        open_log(tmp_path / "a.npz")

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from oddsmap.errors import InputError
+from oddsmap.errors import InputError, MapTooLargeError, OddsmapError
 
 __all__ = [
     "MAX_COORDINATE",
@@ -15,6 +17,7 @@ __all__ = [
     "TOO_LONG",
     "check_content_size",
     "in_metres",
+    "memory_for",
     "memory_limit",
 ]
 
@@ -56,6 +59,25 @@ def check_content_size(where: object, size: int, what: str) -> None:
             f"{where}: {what} takes {size / 1e9:.3g} GB, at most {limit / 1e9:.3g} GB fit in "
             "memory here: split the file, or read it on a machine with more memory"
         )
+
+
+@contextmanager
+def memory_for(what: str, advice: str) -> Iterator[None]:
+    """Say in one line where memory, or what `ulimit` leaves of it, does not hold something.
+
+    Args:
+        what: what it was to hold.
+        advice: what to do.
+
+    Raises:
+        MapTooLargeError: in place of any MemoryError.
+    """
+    try:
+        yield
+    except OddsmapError:
+        raise
+    except MemoryError:
+        raise MapTooLargeError(f"no memory for {what}: {advice}") from None
 
 
 @cache

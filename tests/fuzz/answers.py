@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +16,7 @@ import oddsmap
 __all__ = [
     "Answer",
     "of_config",
+    "of_full_map_config",
     "of_landmark_map",
     "of_landmarks",
     "of_log",
@@ -114,15 +115,13 @@ def _landmarks(marks: oddsmap.LandmarkMap) -> str:
     return _digest(values)
 
 
-def of_config(path: Path) -> Answer:
-    """A configuration, and a map made with it."""
+def of_config(path: Path, scans: Sequence[Any]) -> Answer:
+    """A configuration, and a map of some scans made with it."""
     from oddsmap.config.config import read_toml, resolve
-    from tests.kit import random_scans
 
-    scans = random_scans(1, 2, beams=12)
     config = resolve(("file", read_toml(path)))
     grid = oddsmap.build_map(
-        _stamped(scans),
+        scans,
         config.map.resolution,
         sensor=config.sensor,
         votes=config.map.votes,
@@ -134,11 +133,15 @@ def of_config(path: Path) -> Answer:
     return Answer(_digest([json.dumps(config.to_dict()), *grid.cells(), probability]), ())
 
 
-def _stamped(scans: Iterable[oddsmap.Scan]) -> list[oddsmap.Scan]:
-    return [
-        oddsmap.Scan(scan.map_from_sensor, scan.directions, scan.ranges, i * 10**9)
-        for i, scan in enumerate(scans)
-    ]
+def of_full_map_config(path: Path, scans: Sequence[oddsmap.Scan]) -> Answer:
+    """A configuration, and a full map of some scans made with it."""
+    from oddsmap.config.config import read_toml, resolve
+
+    config = resolve(("file", read_toml(path)))
+    full = oddsmap.build_full_map(
+        scans, config.map.resolution, sensor=config.sensor, settings=config.full_map
+    )
+    return Answer(_digest([json.dumps(config.to_dict()), *full.known_log_odds()]), ())
 
 
 def _digest(values: Iterable[Any]) -> str:

@@ -13,7 +13,7 @@ from tests.fuzz.bytes_and_lines import append_noise, change_bytes, change_text, 
 from tests.fuzz.image_changes import change_chunks, change_pgm_header
 from tests.fuzz.mutant import Files, Mutator, on_file
 from tests.fuzz.npz_changes import change_archive, change_array
-from tests.fuzz.samples import SAMPLES
+from tests.fuzz.samples import GRIDS, SAMPLES, SCANS, SCANS_3D
 from tests.fuzz.text_changes import change_json, change_toml, change_yaml
 
 __all__ = ["READERS", "Reader"]
@@ -90,6 +90,12 @@ def _log(name: str, path: str, *mutators: Mutator) -> Reader:
     return Reader(name, answers.of_log, path, mutators)
 
 
+def _settings(name: str, read: Callable[[Path], Answer]) -> Reader:
+    return Reader(
+        name, read, "a.toml", (*[on_file("a.toml", change_toml, "any")] * 4, *_text("a.toml"))
+    )
+
+
 READERS: dict[str, Reader] = {
     reader.name: reader
     for reader in (
@@ -157,18 +163,11 @@ READERS: dict[str, Reader] = {
             "m.yaml",
             (*_checked("m.png"), *[on_file("m.png", change_chunks, "any")] * 3),
         ),
-        Reader(
-            "toml",
-            answers.of_config,
-            "a.toml",
-            (*[on_file("a.toml", change_toml, "any")] * 4, *_text("a.toml")),
-        ),
-        Reader(
-            "toml-cones",
-            answers.of_config,
-            "a.toml",
-            (*[on_file("a.toml", change_toml, "any")] * 4, *_text("a.toml")),
-        ),
+        _settings("toml", lambda path: answers.of_config(path, SCANS)),
+        _settings("toml-cones", lambda path: answers.of_config(path, SCANS)),
+        _settings("toml-3d", lambda path: answers.of_config(path, SCANS_3D)),
+        _settings("toml-overhead", lambda path: answers.of_config(path, GRIDS)),
+        _settings("toml-full-map", lambda path: answers.of_full_map_config(path, SCANS)),
         Reader("zarr-2d", answers.of_map, "a.zarr", _zarr("hits", "passes")),
         Reader("zarr-3d", answers.of_map, "a.zarr", _zarr("hits", "passes")),
         Reader("zarr-full", answers.of_map, "a.zarr", _zarr("log_odds", "marks")),

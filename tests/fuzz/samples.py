@@ -23,13 +23,23 @@ from oddsmap.maps.voxel_map import VoxelMap
 from tests.full_map.kit import SONAR, room
 from tests.fuzz.mutant import Files
 from tests.fuzz.npz_changes import npz
+from tests.kit import random_scans
 from tests.readers.clouds import graph_bytes, pcd_bytes, ply_bytes
 
-__all__ = ["SAMPLES", "folder_files"]
+__all__ = ["GRIDS", "SAMPLES", "SCANS", "SCANS_3D", "folder_files"]
 
 _POINTS = np.round(np.random.default_rng(7).uniform(1.0, 4.0, (40, 3)), 3)
 _IDENTITY_ROW = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
 _MATRIX = "1 0 0 {}\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
+
+
+# What maps are made of to try settings.
+SCANS = [
+    oddsmap.Scan(scan.map_from_sensor, scan.directions, scan.ranges, i * 10**9)
+    for i, scan in enumerate(random_scans(1, 2, beams=12))
+]
+SCANS_3D = [oddsmap.Scan.from_points(oddsmap.Pose3(np.eye(3), np.zeros(3)), _POINTS, 0)]
+GRIDS = [oddsmap.GridScan(oddsmap.Pose2(1.0, 0.0, 0.3), np.eye(4), 0.25, (-0.5, -0.5), 0)]
 
 
 def folder_files(folder: Path) -> Files:
@@ -219,6 +229,49 @@ prior = 0.3
 """
 
 
+_TOML_3D = b"""[map]
+resolution = 0.2
+votes = "scan"
+[sensor]
+kind = "beam"
+range_min = 0.1
+range_max = 30.0
+clear_range = 10.0
+sigma = 0.05
+mark_z_min = -1.0
+mark_z_max = 2.0
+body_min = [-0.3, -0.2, -0.5]
+body_max = [0.3, 0.2, 0.5]
+"""
+
+_TOML_OVERHEAD = b"""[map]
+resolution = 0.2
+[sensor]
+kind = "overhead"
+[posterior]
+prior = 0.3
+"""
+
+# Without the fields that say how long to go on.
+_TOML_FULL_MAP = b"""[map]
+resolution = 0.2
+[sensor]
+kind = "cone"
+cone_deg = 20.0
+range_max = 4.0
+p_random = 0.02
+p_dropout = 0.02
+[full_map]
+method = "sum-product"
+prior = 0.4
+coupling = 0.8
+tolerance = 0.1
+schedule = "chunks"
+chunk = 64
+seed = 3
+"""
+
+
 def _zarr(kind: str) -> Files:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.zarr"
@@ -276,6 +329,9 @@ SAMPLES: dict[str, Callable[[], Files]] = {
     "ros-png": lambda: _ros("png"),
     "toml": lambda: _one("a.toml", _TOML),
     "toml-cones": lambda: _one("a.toml", _TOML_CONES),
+    "toml-3d": lambda: _one("a.toml", _TOML_3D),
+    "toml-overhead": lambda: _one("a.toml", _TOML_OVERHEAD),
+    "toml-full-map": lambda: _one("a.toml", _TOML_FULL_MAP),
     "zarr-2d": lambda: _zarr("2d"),
     "zarr-3d": lambda: _zarr("3d"),
     "zarr-full": lambda: _zarr("full"),

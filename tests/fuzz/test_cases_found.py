@@ -11,6 +11,7 @@ import pytest
 from oddsmap.errors import OddsmapError
 from tests.fuzz import answers
 from tests.fuzz.answers import Answer
+from tests.fuzz.samples import SCANS
 
 _READ: dict[str, Callable[[Path], Answer]] = {
     "landmark-json": answers.of_landmark_map,
@@ -18,7 +19,7 @@ _READ: dict[str, Callable[[Path], Answer]] = {
     "octomap-bt": answers.of_octomap,
     "octomap-ot": answers.of_octomap,
     "ros": answers.of_ros,
-    "toml": answers.of_config,
+    "toml": lambda path: answers.of_config(path, SCANS),
     "": answers.of_log,
 }
 # A landmark at 1e9 m among others is a counted skip; the rest is damage that can be seen.

@@ -302,3 +302,15 @@ def test_progress_counts_skipped_scans_of_all_batches() -> None:
     told: list[int] = []
     add_scans(EvidenceMap(0.125), [lost, used, lost, lost, used], progress=told.append)
     assert told == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [BeamSensor(sigma=1e300), BeamSensor(hit_width=1e9), BeamSensor(hit_width=0.1, fade=1e9)],
+)
+def test_a_return_spread_over_all_of_space_is_refused(sensor: BeamSensor) -> None:
+    message = (
+        r"a return would be spread over .* m, .* cells of 0\.1 m: set smaller sensor\.hit_width"
+    )
+    with pytest.raises(ConfigError, match=message):
+        build_map([fan_scan(0.0, 0.0, 0.0, [1.0, 2.0])], 0.1, sensor=sensor)

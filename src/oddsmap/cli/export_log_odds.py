@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from oddsmap.cli.files import check_files
 from oddsmap.cli.undecided import undecided_in_plane, undecided_in_points
 from oddsmap.cli.written import Written
@@ -147,7 +149,10 @@ def _prior_map(path: Path) -> MapLike:
     if is_map(path):
         return load_map(path)
     if path.suffix.lower() in (".yaml", ".yml"):
-        return load_ros(path)
+        prior = load_ros(path)
+        for note in prior.notes:
+            typer.echo(f"{path}: {note}", err=True)
+        return prior
     if is_octomap(path):
         return load_octomap(path)
     raise ConfigError(

@@ -18,6 +18,7 @@ from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.threads import WorkerPool
 from oddsmap.integrate.toy_map import compile_kernels
+from oddsmap.limits import memory_for
 from oddsmap.scans.depth_image import DepthScan
 from oddsmap.scans.grid_scan import GridScan
 from oddsmap.scans.log import Log
@@ -95,15 +96,16 @@ def add_scans(
     if threads < 1:
         raise ConfigError(f"threads: at least 1 is needed, got {threads}")
     sensor = sensor or evidence.sensor
-    workers = WorkerPool(evidence, sensor, threads, method)
-    report = Report(compile_s=compile_kernels(evidence, sensor, method))
-    for scan_count, beam_count, skipped in workers.run(_warn_of_no_returns(scans, sensor)):
-        report.add(scan_count, beam_count, skipped)
-        if progress is not None:
-            skipped_scans = sum(
-                n for reason, n in report.skipped.items() if reason.startswith("scan.")
-            )
-            progress(report.scans + skipped_scans)
+    with memory_for("what the scans need", "use a coarser resolution, a range_max, fewer threads"):
+        workers = WorkerPool(evidence, sensor, threads, method)
+        report = Report(compile_s=compile_kernels(evidence, sensor, method))
+        for scan_count, beam_count, skipped in workers.run(_warn_of_no_returns(scans, sensor)):
+            report.add(scan_count, beam_count, skipped)
+            if progress is not None:
+                skipped_scans = sum(
+                    n for reason, n in report.skipped.items() if reason.startswith("scan.")
+                )
+                progress(report.scans + skipped_scans)
     report.integrate_s, report.read_s = workers.integrate_s, workers.read_s
     return report
 

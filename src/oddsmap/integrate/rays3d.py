@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from typing import Self
 
 import numpy as np
@@ -30,7 +30,7 @@ from oddsmap.kernels.vote.rays3d import (
     mark_passes,
     sort_rays,
 )
-from oddsmap.limits import MAX_COORDINATE, TOO_LONG, memory_limit
+from oddsmap.limits import MAX_COORDINATE, TOO_LONG, memory_for, memory_limit
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import RaySensor
 
@@ -239,16 +239,8 @@ def _new_table(blocks: int) -> npt.NDArray[np.int32]:
         return np.zeros(blocks, np.int32)
 
 
-@contextmanager
-def _memory_for(blocks: int, size: int) -> Iterator[None]:
-    """Say in one line where memory, or what `ulimit` leaves of it, does not hold `size` bytes."""
-    try:
-        yield
-    except MemoryError:
-        raise MapTooLargeError(
-            f"no memory for the {blocks:.1e} blocks around one scan ({1e-9 * size:.1f} GB): "
-            f"{TOO_LONG}"
-        ) from None
+def _memory_for(blocks: int, size: int) -> AbstractContextManager[None]:
+    return memory_for(f"the {blocks:.1e} blocks around one scan ({1e-9 * size:.1f} GB)", TOO_LONG)
 
 
 def _part(scans: ScanCells, bundle: int) -> slice:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from oddsmap.errors import InputError
+from oddsmap.limits import memory_for
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers import (
@@ -138,9 +139,13 @@ def open_log(
         columns=_names(columns),
         depth_scale=depth_scale,
     )
-    if Path(path).is_dir():
-        return _open_folder(os.fspath(path), options)
-    source = open_source(path, skip_bad=skip_bad)
+    name = os.fspath(path)
+    with memory_for(f"the log {name}", "split it, or read it on a machine with more memory"):
+        return _open_folder(name, options) if Path(path).is_dir() else _open_file(path, options)
+
+
+def _open_file(path: FilePath, options: ReadOptions) -> Log:
+    source = open_source(path, skip_bad=options.skip_bad)
     for reader in READERS:
         if reader.matches(without_bom(source).head):
             return reader.open(without_bom(source), options)
