@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -82,9 +83,11 @@ def memory_for(what: str, advice: str) -> Iterator[None]:
 
 @cache
 def _machine_memory() -> int:
+    if sys.platform == "win32":
+        return _NO_LIMIT
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):  # not a POSIX system
+    except (ValueError, OSError):  # a system without these names
         return _NO_LIMIT
 
 
@@ -130,10 +133,10 @@ def _read_limit(path: Path) -> int:
 
 def _ulimit_memory() -> int:
     """What `ulimit -v` and `-d` leave beside the interpreter and its libraries."""
-    try:
-        import resource
-    except ImportError:  # not a POSIX system
+    if sys.platform == "win32":
         return _NO_LIMIT
+    import resource
+
     limits = [_NO_LIMIT]
     for name in ("RLIMIT_AS", "RLIMIT_DATA"):
         kind = getattr(resource, name, None)
@@ -147,8 +150,10 @@ def _ulimit_memory() -> int:
 @cache
 def _address_space() -> int:
     """Bytes of addresses taken when it is first asked for: programs and libraries, mostly."""
+    if sys.platform != "linux":
+        return 0
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
         return pages * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, AttributeError):  # no Linux
+    except (OSError, ValueError):  # no /proc in this container
         return 0

@@ -497,7 +497,7 @@ def test_a_hostile_file_is_one_line(text: str, message: str, tmp_path: Path) -> 
 def test_an_integer_beyond_all_floats_is_no_number(value: int) -> None:
     """TOML's integers have any number of digits."""
     for section, name in (("map", "resolution"), ("sensor", "range_max"), ("map", "t_ref_ns")):
-        layer = {"map": {"resolution": 1.0}, section: {name: value}}
+        layer: dict[str, dict[str, Any]] = {"map": {"resolution": 1.0}, section: {name: value}}
         with pytest.raises(ConfigError, match=rf"{name} is a number that 64 bits can hold, got "):
             resolve(("a.toml", layer))
     with pytest.raises(ConfigError, match=r"--set map\.x: not a value"):

@@ -47,8 +47,8 @@ def of_log(path: Path) -> Answer:
         values += [getattr(scan, name, None) for name in ("directions", "ranges", "depth", "seen")]
     json.dumps(_of_log(log))
     grid = oddsmap.build_map(log, _RESOLUTION)
-    said = [f"{reason} {count}" for reason, count in sorted(log.skipped.items())]
-    said += [f"{reason} {count}" for reason, count in sorted(grid.report.skipped.items())]
+    assert grid.report is not None  # its counts are those of the log and of the sensor
+    said = [f"{reason} {count}" for reason, count in sorted(grid.report.skipped.items())]
     said += [note for note in log.notes if note.severity == "warning"]
     return Answer(_digest([*values, *grid.cells()]), tuple(said))
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import resource
 import sys
 from collections import Counter
 
@@ -15,6 +14,10 @@ from tests.fuzz.watchdog import run_cases
 
 def _children_s() -> float:
     """CPU time of the processes that have ended."""
+    if sys.platform == "win32":
+        raise NotImplementedError("needs fork")
+    import resource
+
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

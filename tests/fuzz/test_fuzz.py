@@ -75,7 +75,7 @@ class TestTheWatchdog:
 
         reader = Reader(
             "carmen",
-            lambda path: Answer("good", ()) if len(path.read_bytes()) == size else read(path),  # type: ignore[operator, no-any-return]
+            lambda path: Answer("good", ()) if len(path.read_bytes()) == size else read(path),  # type: ignore[operator]
             "a.log",
             (on_file("a.log", mutate, "same"),),
         )

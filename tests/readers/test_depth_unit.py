@@ -11,6 +11,8 @@ import pytest
 import oddsmap
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.readers import open_log
+from oddsmap.scans.depth_image import DepthScan
+from oddsmap.scans.log import Log
 from tests.readers.test_rgbd_folder import write_png
 
 HEIGHT, WIDTH = 24, 32
@@ -36,6 +38,12 @@ def scene(low: float, high: float, seed: int = 0) -> np.ndarray:
     return depth
 
 
+def first(log: Log) -> DepthScan:
+    scan = next(iter(log))
+    assert isinstance(scan, DepthScan)
+    return scan
+
+
 def codes(folder: Path, **options: float) -> list[str]:
     return [note.code for note in open_log(folder, **options).notes]  # type: ignore[arg-type]
 
@@ -48,7 +56,7 @@ def test_a_wall_at_two_metres_in_millimetres(tmp_path: Path) -> None:
     assert "--depth-scale 1000 (depth_scale=1000)" in note
     log = open_log(folder, depth_scale=1000)
     assert log.notes == ()
-    assert (next(iter(log)).depth == 2.0).all()
+    assert (first(log).depth == 2.0).all()
     bounds = oddsmap.build_map(log, 0.1).bounds()
     assert bounds is not None
     assert bounds[1][2] == 21  # the wall is in the cells from 2.0 m on
@@ -83,5 +91,5 @@ def test_the_scale_holds_for_the_other_layout(tmp_path: Path) -> None:
     write_png(tmp_path / "frame-000000.depth.png", np.full((HEIGHT, WIDTH), 4000, np.uint16))
     (tmp_path / "frame-000000.pose.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
     (tmp_path / "camera-intrinsics.txt").write_text("30 0 15.5\n0 30 11.5\n0 0 1\n")
-    assert (next(iter(open_log(tmp_path))).depth == 4.0).all()
-    assert (next(iter(open_log(tmp_path, depth_scale=5000))).depth == np.float32(0.8)).all()
+    assert (first(open_log(tmp_path)).depth == 4.0).all()
+    assert (first(open_log(tmp_path, depth_scale=5000)).depth == np.float32(0.8)).all()

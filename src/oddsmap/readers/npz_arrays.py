@@ -12,7 +12,7 @@ import math
 import zipfile
 from collections import Counter
 from collections.abc import Collection, Sequence
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -174,7 +174,7 @@ def _read_header(
     return shape, fortran_order, dtype
 
 
-def _fill(first: bytes, member: zipfile.ZipExtFile, data: npt.NDArray[np.uint8]) -> None:
+def _fill(first: bytes, member: IO[bytes], data: npt.NDArray[np.uint8]) -> None:
     """Decompress into `data` what follows `first`; the checksum is compared at the end."""
     at, piece = 0, first
     while piece:
