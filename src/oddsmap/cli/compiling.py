@@ -9,10 +9,8 @@ from typing import Any
 
 __all__ = ["when_compiling"]
 
-ONCE = "compiling kernels, once for each environment and version of oddsmap"
-EACH_TIME = (
-    "compiling kernels, each time anew: there is no folder to keep them in (NUMBA_CACHE_DIR)"
-)
+ONCE = "compiling kernels: once for each environment and version of oddsmap"
+EACH_TIME = "compiling kernels, each time: set NUMBA_CACHE_DIR to a folder to keep them in"
 
 
 @contextmanager
