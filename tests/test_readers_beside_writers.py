@@ -15,6 +15,7 @@ from oddsmap.atomic_write import swap
 from oddsmap.errors import InputError
 from oddsmap.evidence import store
 from oddsmap.map_files import zarr_snapshot
+from oddsmap.map_files.zarr_header import read_header
 from tests.kit import ONE, Votes, add_votes, votes_of
 from tests.saved_maps_kit import KINDS
 
@@ -106,7 +107,7 @@ def test_a_map_that_is_replaced_in_between(
 def test_a_map_that_is_replaced_each_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.zarr"
     a_map(ONE_MAP).save(path)
-    real, times = store.read_header, []
+    real, times = read_header, []
 
     def touched(*args: Any) -> Any:
         times.append(1)

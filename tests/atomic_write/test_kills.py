@@ -22,7 +22,7 @@ from tests.saved_maps_kit import KINDS
 _STEPS = {"open", "os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.link", "os.scandir"}
 
 
-def killed_at(step: int, replace: Callable[[], None], folder: Path, exchange: bool) -> None:
+def killed_at(step: int, replace: Callable[[], object], folder: Path, exchange: bool) -> None:
     """Replace an output in a process that kills itself before its step'th call of the system."""
     count = 0
 
@@ -51,13 +51,14 @@ def killed_at(step: int, replace: Callable[[], None], folder: Path, exchange: bo
 
 
 def at_each_step(
-    replace: Callable[[], None], path: Path, restore: Callable[[], None], content: Content, *,
+    replace: Callable[[], object], path: Path, restore: Callable[[], None], content: Content, *,
     exchange: bool = True,
 ) -> int:  # fmt: skip
     restore()
     old = content(path)
     replace()
-    sides, step, seen = [old, content(path)], 0, set()
+    sides, step = [old, content(path)], 0
+    seen: set[int] = set()
     while True:
         step += 1
         restore()

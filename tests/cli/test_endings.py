@@ -41,7 +41,7 @@ def command(words: Sequence[object]) -> None:
 
 
 def killed_at_random(
-    words: Sequence[object], path: Path, restore: Callable[[], None], content: Content, times: int
+    times: int, words: Sequence[object], path: Path, restore: Callable[[], None], content: Content
 ) -> dict[str, int]:
     """Kill a command that replaces an output, at moments all over its time."""
     restore()
@@ -107,13 +107,13 @@ COMMANDS = ["build", "export", "calibrate", "landmarks"]
 
 @pytest.mark.parametrize("case", COMMANDS, indirect=True)
 def test_a_command_that_is_killed(case: Any) -> None:
-    killed_at_random(*case, times=3)
+    killed_at_random(3, *case)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", COMMANDS, indirect=True)
 def test_a_command_that_is_killed_many_times(case: Any) -> None:
-    print(case[0][0], killed_at_random(*case, times=60))  # noqa: T201
+    print(case[0][0], killed_at_random(60, *case))  # noqa: T201
 
 
 # Signals, and what is said.

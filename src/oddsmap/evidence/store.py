@@ -236,7 +236,7 @@ def _unit_of(attributes: Mapping[str, Any], name: str) -> int:
     unit = attributes["weight_unit"]
     if isinstance(unit, bool) or unit not in (1.0, 1 / ONE):
         raise ValueError(f"{name} has weight_unit {unit!r:.40}, which is 1.0 or 1/{ONE}")
-    return round(unit * ONE)
+    return round(float(unit) * ONE)
 
 
 def _units(stored: npt.NDArray[Any], header: Header, name: str) -> IntArray:

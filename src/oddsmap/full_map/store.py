@@ -87,7 +87,7 @@ def save_full_map(
             name: folder.create(name, dtype, fills[name], {"description": _TEXTS[name]})
             for name, dtype in _TYPES.items()
         }
-        cells = {"log_odds": full_map.values, "marks": full_map.marks}
+        cells: dict[str, npt.NDArray[Any]] = {"log_odds": full_map.values, "marks": full_map.marks}
         for place in np.unique(begin, axis=0):
             first = place * shard
             box = (first, first + shard)

@@ -86,7 +86,7 @@ class NewFolder:
         name: str,
         dtype: npt.DTypeLike,
         fill_value: float,
-        attributes: Mapping[str, object],
+        attributes: Mapping[str, Any],
     ) -> zarr.Array[Any]:
         """Make an array; shards that are left empty are not written."""
         from zarr.codecs import ZstdCodec

@@ -218,7 +218,7 @@ def _array(name: str, zarr: Mapping[str, Any], d: int) -> ArrayHeader:
 def _is_sharding(codec: Mapping[str, Any], d: int) -> bool:
     settings = codec["configuration"]
     order, pack = settings["codecs"]
-    return (
+    return bool(
         codec["name"] == "sharding_indexed"
         and settings["chunk_shape"] == [CHUNK[d]] * d
         and settings["index_codecs"] == _INDEX_CODECS
