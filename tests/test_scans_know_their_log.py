@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import oddsmap
-from oddsmap import BeamSensor, EvidenceMap, InputError, add_scans, build_map, open_log
+from oddsmap import BeamSensor, EvidenceMap, InputError, Pose3, add_scans, build_map, open_log
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.log import Log
 
 FAR = 81.83
@@ -55,9 +55,9 @@ def test_copies_know_it_too(log: Log) -> None:
 
 
 def test_depth_images_become_beams_that_know_it() -> None:
-    camera = oddsmap.scans.depth_image.PinholeCamera(4.0, 4.0, 1.5, 1.5, 4, 4)
-    pose = oddsmap.Pose3(np.eye(3), np.zeros(3))
-    image = oddsmap.scans.depth_image.DepthScan(pose, np.ones((4, 4), np.float32), camera)
+    camera = PinholeCamera(4.0, 4.0, 1.5, 1.5, 4, 4)
+    pose = Pose3(np.eye(3), np.zeros(3))
+    image = DepthScan(pose, np.ones((4, 4), np.float32), camera)
     object.__setattr__(image, "stated", {"range_max": 4.0})
     assert image.to_scan().stated == {"range_max": 4.0}
 

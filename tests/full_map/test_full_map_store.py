@@ -79,10 +79,10 @@ def test_every_bit_comes_back(scans: list[Scan], tmp_path: Path) -> None:
     for one, other in zip(grid.known_log_odds(), again.known_log_odds(), strict=True):
         np.testing.assert_array_equal(one, other)
     again.save(tmp_path / "b.zarr")
-    one, other = files(tmp_path / "a.zarr"), files(tmp_path / "b.zarr")
-    assert one.keys() == other.keys()
+    first, second = files(tmp_path / "a.zarr"), files(tmp_path / "b.zarr")
+    assert first.keys() == second.keys()
     # What says what it is differs by the id of the save.
-    assert {name for name in one if one[name] != other[name]} == {
+    assert {name for name in first if first[name] != second[name]} == {
         "zarr.json", "log_odds/zarr.json", "marks/zarr.json",
     }  # fmt: skip
 

@@ -45,7 +45,7 @@ def of_log(path: Path) -> Answer:
         pose = scan.map_from_sensor
         values += [pose.translation, pose.rotation, scan.stamp_ns]
         values += [getattr(scan, name, None) for name in ("directions", "ranges", "depth", "seen")]
-    json.dumps(_of_log(log))
+    json.dumps(_of_log(log, lambda _: None))
     grid = oddsmap.build_map(log, _RESOLUTION)
     assert grid.report is not None  # its counts are those of the log and of the sensor
     said = [f"{reason} {count}" for reason, count in sorted(grid.report.skipped.items())]

@@ -30,7 +30,7 @@ def wall(depth: float, pose: Pose3) -> DepthScan:
 @pytest.mark.parametrize("depth", [0.5, 1.0, 1.25, 2.0, 3.0, 4.5])
 def test_a_flat_wall_is_one_cell_thick(depth: float, method: str) -> None:
     pose = Pose3(np.eye(3), np.array([0.012, 0.013, 0.0]))
-    world = build_map([wall(depth, pose)], resolution=RESOLUTION, method=method)  # type: ignore[arg-type]
+    world = build_map([wall(depth, pose)], resolution=RESOLUTION, method=method)
     index, hits, _ = world.cells()
     assert set(index[hits > 0, 2].tolist()) == {np.floor(depth / RESOLUTION)}
 
