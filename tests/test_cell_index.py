@@ -79,7 +79,7 @@ def test_boxes(name: str) -> None:
         ask([0, 0], [-1, 5])
     with pytest.raises(InputError, match="lo <= hi of 2 indices"):
         ask([0, 0, 0], [1, 1, 1])
-    with pytest.raises(InputError, match=r"farther than 2\^45 cells"):
+    with pytest.raises(InputError, match=r"farther than 2\^46 cells"):
         ask([0, 0], [2**62, 5])
 
 
@@ -104,7 +104,7 @@ def test_lists(name: str) -> None:
     with pytest.raises(InputError, match=r"shape \(n, 2\), got \(1, 3\)"):
         ask(np.array([[0, 0, 0]]))
     for far in (2**62, -(2**62), 2**64 - 1):
-        with pytest.raises(InputError, match=r"farther than 2\^45"):
+        with pytest.raises(InputError, match=r"farther than 2\^46"):
             ask(np.array([[far, far]]))
 
 

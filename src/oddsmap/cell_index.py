@@ -23,7 +23,7 @@ def cell_indices(index: npt.ArrayLike, ndim: int) -> IntArray:
     """Cells as an array of shape (n, ndim), x first.
 
     Raises:
-        InputError: another shape, no whole numbers, or cells beyond 2^45 from the map's origin.
+        InputError: another shape, no whole numbers, or cells beyond 2^46 from the map's origin.
     """
     cells = indices_in(index)
     if cells.size == 0 and cells.ndim <= 2:
@@ -74,7 +74,7 @@ def indices_in(index: npt.ArrayLike) -> IntArray:
     """Indices in an array of whatever shape, once it is clear that they are some.
 
     Raises:
-        InputError: no whole numbers, or cells beyond 2^45 from the map's origin.
+        InputError: no whole numbers, or cells beyond 2^46 from the map's origin.
     """
     given = np.asarray(index)
     if given.size == 0:
@@ -85,13 +85,13 @@ def indices_in(index: npt.ArrayLike) -> IntArray:
             f"cells are named by whole numbers, got {example} ({given.dtype}): an index is "
             "floor(metres / resolution), as integers"
         )
-    reach = int(MAX_COORDINATE)
+    reach = 2 * int(MAX_COORDINATE)  # a sensor may stand that far away, and beams go on
     # As Python integers: the largest of them may not fit int64.
     lowest, highest = int(given.min()), int(given.max())
     if lowest < -reach or highest > reach:
         worst = highest if highest > reach else lowest
         raise InputError(
-            f"cell index {worst} is farther than 2^45 cells from the map's origin, where "
+            f"cell index {worst} is farther than 2^46 cells from the map's origin, where "
             "coordinates have no precision left: is it in the unit that you mean?"
         )
     return given.astype(np.int64)

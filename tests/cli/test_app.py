@@ -75,7 +75,7 @@ def test_each_option_says_what_it_takes_and_what_it_is_without(run: Run, command
                                help_of)  # fmt: skip
             assert stated or (parameter.show_default and parameter.default is not None), parameter
         if "float" in str(hints.get(parameter.name)):
-            units = {"METRES", "SECONDS", "DEGREES", "PROBABILITY", "SHARE", "VOTES"}
+            units = {"METRES", "SECONDS", "DEGREES", "PROBABILITY", "SHARE", "UNITS", "VOTES"}
             assert set(parameter.metavar.split()) <= units, parameter.name
 
 

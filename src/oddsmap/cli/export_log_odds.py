@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from oddsmap.cli.files import check_files
-from oddsmap.cli.undecided import undecided_in_plane, undecided_in_points
 from oddsmap.cli.written import Written
 
 if TYPE_CHECKING:
@@ -41,6 +40,7 @@ def write_log_odds(source: Path, output: Path, options: Mapping[str, Any], force
     Raises:
         OddsmapError: an option does not fit the map or the file, or one cannot be read or written.
     """
+    from oddsmap.cli.undecided import undecided_in_plane, undecided_in_points
     from oddsmap.errors import ConfigError
 
     suffix = output.suffix.lower()

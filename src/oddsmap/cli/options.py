@@ -122,18 +122,29 @@ Camera = Annotated[
 
 PointsIn = Annotated[
     Literal["sensor", "map"] | None,
-    typer.Option("--points-in", help="The frame of clouds whose pose is PCD's VIEWPOINT."),
+    typer.Option(
+        "--points-in",
+        help="The frame that the points of clouds are in; by default the sensor's, and asked for "
+        "where PCD's VIEWPOINT leaves it open.",
+    ),
 ]
 
 Columns = Annotated[
     str | None,
-    typer.Option("--columns", metavar="x,y,z,...", help="The float32 columns of .bin scans."),
+    typer.Option(
+        "--columns",
+        metavar="x,y,z,...",
+        help="The float32 columns of .bin scans; by default found by what stands in them.",
+    ),
 ]
 
 DepthScale = Annotated[
     float | None,
     typer.Option(
-        "--depth-scale", metavar="N", help="Units of a depth image in a metre; 1000: millimetres."
+        "--depth-scale",
+        metavar="UNITS",
+        help="Units of a depth image in a metre, 1000 for millimetres; by default 1000, in TUM's "
+        "layout 5000.",
     ),
 ]
 

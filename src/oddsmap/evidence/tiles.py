@@ -222,7 +222,7 @@ class TileStore:
 
     def census(self) -> Census:
         """What there is, in one pass over the tiles."""
-        lo, hi = np.full((2, self.ndim), _NOWHERE) * [[1], [-1]]
+        lo, hi = np.array([[_NOWHERE] * self.ndim, [-_NOWHERE] * self.ndim])
         totals = np.zeros(TOTALS, np.int64)
         take_census(self.arrays, self.side, lo, hi, totals)
         whole = totals.tolist()
