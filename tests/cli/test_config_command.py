@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import tomllib
 from pathlib import Path
 
@@ -81,7 +80,7 @@ def test_one_section_and_one_field(run: Run) -> None:
     assert "# Full opening angle [deg], up to 180. Required: here, or by what the log" in page
     assert "#cone_deg =\n" in page
     assert "range_max" not in page
-    (field,) = json.loads(run("config", "map.half_life", "--json").out)
+    (field,) = run("config", "map.half_life", "--json").json["fields"]
     assert (field["unit"], field["default"]) == ("s", None)
     assert 'did you mean "sensor.cone_deg"?' in run("config", "sensor.cone_degg").line
     assert "(sections: map, sensor, posterior, full_map)" in run("config", "q").line

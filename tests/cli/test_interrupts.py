@@ -59,6 +59,12 @@ def interrupt() -> None:
     signal.raise_signal(signal.SIGINT)
 
 
+def ended_by_ctrl_c(status: int, err: str) -> bool:
+    """With its status and its line, the last one, and nothing of what Python would say."""
+    said = "Traceback" in err or "Aborted" in err or "ignored in" in err
+    return status == 130 and err.endswith(LINE) and not said
+
+
 def sweep(points: int, watched: Path | str, *words: object) -> list[dict[str, Any]]:
     script = Path(__file__).parent / "interrupt_sweep.py"
     done = subprocess.run(
@@ -75,7 +81,7 @@ def test_while_packages_are_imported() -> None:
     assert whole["status"] == 0
     assert len(runs) == 12
     for done in runs:
-        assert (done["status"], done["err"]) == (130, LINE), done
+        assert ended_by_ctrl_c(done["status"], done["err"]), done
 
 
 @pytest.mark.parametrize("points", [3, pytest.param(40, marks=pytest.mark.slow)])
@@ -87,7 +93,7 @@ def test_at_any_moment_of_a_build(run: Run, office: Path, tmp_path: Path, points
     whole, *runs = sweep(points, folder, *words, 0.2)
     assert whole["status"] == 0
     for done in runs:
-        assert (done["status"], done["err"]) == (130, LINE), done
+        assert ended_by_ctrl_c(done["status"], done["err"]), done
     # No other file, and no other content: the old map, or in the end the new one.
     old = runs[0]["digest"]
     assert old != whole["digest"]
@@ -110,8 +116,7 @@ def test_in_the_midst_of_mapping(run: Run, office: Path, tmp_path: Path) -> None
         assert process.stdout.readline() == "mapping\n", process.stderr.read()
         process.send_signal(signal.SIGINT)
         _, err = process.communicate()
-    assert process.returncode == 130
-    assert err == LINE
+    assert ended_by_ctrl_c(process.returncode, err), err
     assert folder_bytes(out) == before
     assert [path.name for path in tmp_path.iterdir()] == ["x.zarr"]
 

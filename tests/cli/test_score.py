@@ -146,7 +146,9 @@ def test_a_log_of_another_sensor_is_said(
             done = run("score", grid, log, *flags)
             assert done.status == 0
             assert done.err.count("\n") == 1
-            assert done.err.startswith(f"{log}: by what it says of its sensor its beams are ")
+            assert done.err.startswith(
+                f"{log}: warning: by what it says of its sensor its beams are "
+            )
             assert f"its beams are {theirs}, those of the map's sensor are {ours}" in done.err
     # Nothing to say: what was asked for, and a width that calibration might have found.
     assert run("score", evidence, near).err == ""

@@ -41,7 +41,7 @@ _HEAD = (
 def config(
     which: Annotated[
         str | None,
-        typer.Argument(metavar="[SECTION[.FIELD]]", help="One section or field; by default all."),
+        typer.Argument(metavar="SECTION[.FIELD]", help="One section or field; by default all."),
     ] = None,
     sensor: Annotated[
         str | None,
@@ -71,7 +71,7 @@ def config(
             )
         fields = [f for f in fields if which in (f.section, f"{f.section}.{f.name}")]
     if as_json:
-        typer.echo(json.dumps([dataclasses.asdict(field) for field in fields]))
+        typer.echo(json.dumps({"fields": [dataclasses.asdict(field) for field in fields]}))
     else:
         typer.echo("\n".join(_as_toml(fields)))
 

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from oddsmap.cli.setting_layers import SettingLayers
     from oddsmap.config.config import Config
     from oddsmap.scans.log import Log
+    from oddsmap.scans.note import Note
     from oddsmap.sensors.registry import Sensor
 
 __all__ = ["doubt_of_sensor", "doubts_of_settings"]
@@ -19,17 +20,25 @@ _ANOTHER_WIDTH = 1.5
 _ON_THE_ROBOT = ("body_min", "angle_min", "angle_max")
 
 
-def doubts_of_settings(log: Log, config: Config) -> list[str]:
+def doubts_of_settings(log: Log, config: Config) -> list[Note]:
     """What to say of a map that a log is made into with this configuration."""
     found = []
     width = log.sensor.get("cone_deg")
     if width is not None and config.sensor.kind == "beam":
-        found.append(f"beams are {width:g} degrees wide, sensor.kind beam maps their axes alone")
+        found.append(
+            _doubt(
+                f"beams are {width:g} degrees wide, sensor.kind beam maps their axes alone",
+                "sensor.width",
+            )
+        )
     written, used = log.sensor.get("range_max"), getattr(config.sensor, "range_max", None)
     if written is not None and used is not None and used > written:
         found.append(
-            f"range_max {used:g} is above the {written:g} m that this log writes where nothing was "
-            "seen: such readings now count as obstacles"
+            _doubt(
+                f"range_max {used:g} is above the {written:g} m that this log writes where nothing "
+                "was seen: such readings now count as obstacles",
+                "sensor.range_max",
+            )
         )
     turning = [name for name in _ON_THE_ROBOT if getattr(config.sensor, name, None) is not None]
     if turning and log.format == "NPZ beam log":
@@ -40,7 +49,7 @@ def doubts_of_settings(log: Log, config: Config) -> list[str]:
     return found
 
 
-def doubt_of_sensor(log: Log, sensor: Sensor, layers: SettingLayers) -> str | None:
+def doubt_of_sensor(log: Log, sensor: Sensor, layers: SettingLayers) -> Note | None:
     """A doubt where a log's beams are not as wide as predicted, and nobody requested that."""
     from oddsmap.sensors.registry import stated_of_sensor
 
@@ -56,7 +65,14 @@ def doubt_of_sensor(log: Log, sensor: Sensor, layers: SettingLayers) -> str | No
         f"{width:g} degrees wide (sensor.kind {kind})" if width else f"narrow (sensor.kind {kind})"
         for kind, width in ((stated["kind"], theirs), (sensor.kind, ours))
     ]
-    return (
+    return _doubt(
         f"by what it says of its sensor its beams are {words[0]}, those of the map's sensor are "
-        f"{words[1]}: they were scored as the latter (--set sensor.kind, sensor.cone_deg)"
+        f"{words[1]}: they were scored as the latter (--set sensor.kind, sensor.cone_deg)",
+        "sensor.width",
     )
+
+
+def _doubt(text: str, code: str) -> Note:
+    from oddsmap.scans.note import Note
+
+    return Note(text, code=code, severity="warning")

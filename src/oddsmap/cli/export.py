@@ -169,7 +169,7 @@ def export(
     view = _view_of(posterior, stated)
     _check_suffix(output, mode)
     with working(f"writing {output.name}", quiet=voice.still):
-        written = view.write(source, output, stated, force)
+        written = view.write(source, output, stated, force, voice)
     voice.say(f"wrote    {', '.join(str(path) for path in written.files)}")
     if written.note is not None:
         voice.say(f"note     {written.note}")
@@ -178,7 +178,7 @@ def export(
 class _View(NamedTuple):
     """What writes a view, and the options that it knows."""
 
-    write: Callable[[Path, Path, Mapping[str, Any], bool], Written]
+    write: Callable[[Path, Path, Mapping[str, Any], bool, Voice], Written]
     options: frozenset[str]
 
 

@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from oddsmap.cli.files import check_files
 from oddsmap.cli.written import Written
 
 if TYPE_CHECKING:
+    from oddsmap.cli.voice import Voice
     from oddsmap.maps.probability_map import ProbabilityMap
     from oddsmap.maps.voxel_map import VoxelMap
     from oddsmap.odds import Thresholds
@@ -25,7 +24,9 @@ _OF_SPACE = (".bt", ".ot", ".ply")
 _OF_PLANE = (".yaml", ".yml", ".png")
 
 
-def write_log_odds(source: Path, output: Path, options: Mapping[str, Any], force: bool) -> Written:
+def write_log_odds(
+    source: Path, output: Path, options: Mapping[str, Any], force: bool, voice: Voice
+) -> Written:
     """Write the probabilities of a map: as its suffix says.
 
     Args:
@@ -33,6 +34,7 @@ def write_log_odds(source: Path, output: Path, options: Mapping[str, Any], force
         output: the file to write.
         options: those of `oddsmap export` that are stated, by name.
         force: whether to replace existing files.
+        voice: says what is doubtful about a prior's file.
 
     Returns:
         What was written.
@@ -54,7 +56,8 @@ def write_log_odds(source: Path, output: Path, options: Mapping[str, Any], force
     rates = {name: options.get(name) for name in ("p_hit", "p_miss")}
     _check_values(options, number)
     check_files([source, prior_file], output, force=force)
-    view = _open(source, number if prior_file is None else prior_file, rates)
+    prior = number if prior_file is None else _prior_map(prior_file, voice)
+    view = _open(source, prior, rates)
     if suffix == ".npz":
         _save_npz(view, output, force=force)
     elif suffix == ".ply":
@@ -92,7 +95,9 @@ def _check_values(options: Mapping[str, Any], prior: float | None) -> None:
         raise ConfigError(f"--z-min has to lie below --z-max, got {low:g} and {high:g}")
 
 
-def _open(source: Path, prior: float | Path | None, rates: Mapping[str, Any]) -> Belief | VoxelMap:
+def _open(
+    source: Path, prior: float | MapLike | None, rates: Mapping[str, Any]
+) -> Belief | VoxelMap:
     from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import load_map
     from oddsmap.full_map.full_map import load_full_map
@@ -101,15 +106,14 @@ def _open(source: Path, prior: float | Path | None, rates: Mapping[str, Any]) ->
     from oddsmap.maps.voxel_map import load_octomap
 
     kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
-    if kind is not None and (prior, *rates.values()) != (None, None, None):
+    if kind is not None and any(value is not None for value in (prior, *rates.values())):
         raise ConfigError(
             f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those"
         )
     if kind is not None:
         return load_octomap(source) if is_octomap(source) else load_full_map(source)
     grid = load_map(source)
-    belief = _prior_map(prior) if isinstance(prior, Path) else prior
-    return grid.log_odds(prior=belief, **rates)
+    return grid.log_odds(prior=prior, **rates)
 
 
 def _prior_of(text: str | None, source: Path) -> tuple[float | None, Path | None]:
@@ -132,7 +136,7 @@ def _prior_of(text: str | None, source: Path) -> tuple[float | None, Path | None
     return None, path
 
 
-def _prior_map(path: Path) -> MapLike:
+def _prior_map(path: Path, voice: Voice) -> MapLike:
     from oddsmap.errors import ConfigError
     from oddsmap.evidence.store import is_map
     from oddsmap.evidence_map import load_map
@@ -151,7 +155,7 @@ def _prior_map(path: Path) -> MapLike:
     if path.suffix.lower() in (".yaml", ".yml"):
         prior = load_ros(path)
         for note in prior.notes:
-            typer.echo(f"{path}: {note}", err=True)
+            voice.note(path, note, err=True)
         return prior
     if is_octomap(path):
         return load_octomap(path)

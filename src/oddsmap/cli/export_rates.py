@@ -8,13 +8,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from oddsmap.cli.files import check_files
 from oddsmap.cli.options import flag
 from oddsmap.cli.written import Written
 
 if TYPE_CHECKING:
+    from oddsmap.cli.voice import Voice
     from oddsmap.evidence_map import EvidenceMap
 
 __all__ = ["write_decay", "write_reflection"]
@@ -24,11 +23,14 @@ Options = Mapping[str, Any]
 _OF_INTERVALS = ("interval-width", "lower", "upper")
 
 
-def write_reflection(source: Path, output: Path, options: Options, force: bool) -> Written:
+def write_reflection(
+    source: Path, output: Path, options: Options, force: bool, voice: Voice
+) -> Written:
     """Write the reflection map, see `oddsmap.posterior.reflection.Reflection`."""
     from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.posterior.reflection import Reflection
+    from oddsmap.scans.note import Note
 
     suffix = output.suffix.lower()
     if suffix not in (".png", ".npz", ".yaml", ".yml"):
@@ -49,7 +51,8 @@ def write_reflection(source: Path, output: Path, options: Options, force: bool) 
         warnings.simplefilter("always")
         view = Reflection(grid, **arguments)
     for warning in caught:
-        typer.echo(f"oddsmap: warning: {warning.message}", err=True)
+        doubt = Note(str(warning.message), code="view.doubt", severity="warning")
+        voice.note(source, doubt, err=True)
     if suffix == ".npz":
         view.save_npz(output, force=force)
     elif suffix == ".png":
@@ -75,7 +78,7 @@ def _check_uses(options: Options, output: Path) -> None:
             raise ConfigError(f"{flag(name)} changes {where} alone, not {output.name}")
 
 
-def write_decay(source: Path, output: Path, options: Options, force: bool) -> Written:
+def write_decay(source: Path, output: Path, options: Options, force: bool, voice: Voice) -> Written:
     """Write the decay rates, see `oddsmap.posterior.decay_rate.DecayRate`."""
     from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import EvidenceMap

@@ -83,6 +83,7 @@ def score(
 ) -> None:
     """Score a map: see `HELP`."""
     from oddsmap.cli.files import check_files, check_logs, check_suffix
+    from oddsmap.scans.note import Note
     from oddsmap.scans.split_log import hold_out
     from oddsmap.scoring.held_out import score_map
 
@@ -117,7 +118,8 @@ def score(
         _draw(scores, plot, grid, force=force)
     if any(entry.get("source") == log.name for entry in provenance):
         if not held_out:
-            voice.note(log, _TOO_GOOD, err=True)
+            too_good = Note(_TOO_GOOD, code="score.own_log", severity="warning")
+            voice.note(log, too_good, err=True)
     elif doubt := doubt_of_sensor(whole, sensor, layers):
         voice.note(log, doubt, err=True)
     voice.facts({"map": str(grid), "log": str(log), "held_out_every": every, **_facts(scores)})
