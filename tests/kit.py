@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from hypothesis import Phase
 
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.rays2d import Integrator2D
@@ -18,6 +19,9 @@ from oddsmap.sensors.segments import Segments
 from tests.naive.mapping import Beam, Point
 
 ONE = 65536
+# For examples by several threads: what went wrong between them does not come back at will, so to
+# look for a smaller example takes minutes and finds none.
+AS_FOUND = (Phase.explicit, Phase.reuse, Phase.generate)
 Votes = dict[tuple[int, ...], tuple[int, int]]
 
 

@@ -17,7 +17,7 @@ from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, add_scans, build_map
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.kernels.units import MAX_UNITS
 from oddsmap.poses.pose import Pose3
-from tests.kit import ONE, Votes, fan_scan, random_scans, votes_of
+from tests.kit import AS_FOUND, ONE, Votes, fan_scan, random_scans, votes_of
 
 KINDS = [
     ("scan", BeamSensor(range_max=5.0)),
@@ -75,7 +75,7 @@ def test_tile_side(seed: int, kind: tuple[str, BeamSensor], side: int) -> None:
 
 
 @given(seeds, kinds, st.sampled_from([2, 3]))
-@settings(max_examples=15)
+@settings(max_examples=15, phases=AS_FOUND)
 def test_threads(seed: int, kind: tuple[str, BeamSensor], threads: int) -> None:
     scans = random_scans(seed, 40)
     want = mapped(scans, kind)

@@ -17,7 +17,7 @@ from oddsmap import BeamSensor, ConeSensor, EvidenceMap, Pose2, Pose3, Scan, add
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.simulate import DepthCamera, room, room_walk
-from tests.kit import ONE, fan_scan, votes_of
+from tests.kit import AS_FOUND, ONE, fan_scan, votes_of
 from tests.naive import projective
 
 HERE = Pose3(np.eye(3), np.zeros(3))
@@ -149,7 +149,7 @@ def test_tile_side(side: int) -> None:
 
 
 @given(st.permutations(range(9)), st.integers(0, 9), st.sampled_from([1, 2, 3]))
-@settings(max_examples=10)
+@settings(max_examples=10, phases=AS_FOUND)
 def test_order_halves_threads(order: Sequence[int], cut: int, threads: int) -> None:
     whole = votes_of(by_projection(FRAMES))
     assert len(whole) > 10_000

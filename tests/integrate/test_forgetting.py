@@ -21,7 +21,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.registry import Sensor
-from tests.kit import ONE, Votes, random_scans, votes_of
+from tests.kit import AS_FOUND, ONE, Votes, random_scans, votes_of
 from tests.kit3d import random_space_scans
 
 SECOND = 1_000_000_000
@@ -101,7 +101,7 @@ def test_each_scan_weighs_what_its_age_says(seed: int, kind: Kind) -> None:
 
 
 @given(seeds, kinds, st.randoms(use_true_random=False), st.sampled_from([1, 2, 3]))
-@settings(max_examples=20)
+@settings(max_examples=20, phases=AS_FOUND)
 def test_order_and_threads_change_no_bit(
     seed: int, kind: Kind, random: object, threads: int
 ) -> None:

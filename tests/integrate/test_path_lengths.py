@@ -17,7 +17,7 @@ import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, build_map, load_map
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.sensors.cone import ConeSensor
-from tests.kit import ONE, fan_scan, random_scans, votes_of
+from tests.kit import AS_FOUND, ONE, fan_scan, random_scans, votes_of
 from tests.kit3d import random_space_scans
 
 seeds = st.integers(0, 10_000)
@@ -97,7 +97,7 @@ def test_the_votes_are_those_of_a_map_without() -> None:
 
 
 @given(seeds, dimensions, sensors, st.randoms(use_true_random=False), st.sampled_from([1, 2, 3]))
-@settings(max_examples=15)
+@settings(max_examples=15, phases=AS_FOUND)
 def test_order_and_threads_change_no_bit(
     seed: int, d: int, sensor: BeamSensor, random: object, threads: int
 ) -> None:

@@ -18,7 +18,7 @@ from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, build_map, load_ma
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.kernels.units import MAX_UNITS
 from oddsmap.poses.pose import Pose3
-from tests.kit import ONE, random_scans, votes_of
+from tests.kit import AS_FOUND, ONE, random_scans, votes_of
 from tests.kit3d import random_space_scans
 
 Kind = tuple[str, BeamSensor]
@@ -74,7 +74,7 @@ def test_tile_side(seed: int, kind: Kind, side: int) -> None:
 
 
 @given(seeds, kinds, st.sampled_from([2, 3]))
-@settings(max_examples=15)
+@settings(max_examples=15, phases=AS_FOUND)
 def test_threads(seed: int, kind: Kind, threads: int) -> None:
     scans = random_space_scans(seed, 20)
     assert votes_of(mapped(scans, kind, threads=threads)) == votes_of(mapped(scans, kind))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import Counter
 from typing import Any
@@ -53,11 +54,22 @@ def test_the_body_is_where_the_sensor_sees_it_from_where_a_beam_starts() -> None
 
 
 def test_a_cone_on_the_body() -> None:
-    scan = fan([0, 0], [0.4, 1.0])
+    """By where its axis ends; of the box's sides each is met once and just missed once."""
+    scan = fan([0, 0, 180, 180, 90, 90, -90, -90], [0.5, 0.51, 0.3, 0.31, 0.2, 0.21, 0.2, 0.21])
     cone = ConeSensor(cone_deg=20.0, **BOX)
-    assert counts([scan], cone) == (2, {"hit.on_body": 1})
+    assert counts([scan], cone) == (8, {"hit.on_body": 4})
     votes = build_map([scan], 0.1, sensor=cone)
-    assert sum(hit for hit, _ in votes_of(votes).values()) == pytest.approx(65536, abs=2)
+    assert sum(hit for hit, _ in votes_of(votes).values()) == pytest.approx(4 * 65536, abs=8)
+
+
+@pytest.mark.parametrize("sensor", [BeamSensor(), ConeSensor(cone_deg=20.0)])
+def test_a_body_in_space_has_six_sides(sensor: BeamSensor | ConeSensor) -> None:
+    low, high = (-0.3, -0.2, -0.4), (0.5, 0.25, 0.6)
+    axes = np.repeat(np.concatenate([np.eye(3), -np.eye(3)]), 2, axis=0)
+    sides = np.repeat([*high, *(-x for x in low)], 2)
+    scan = Scan(Pose3(np.eye(3), np.full(3, 0.05)), axes, sides + np.tile([0.0, 0.01], 6))
+    boxed = dataclasses.replace(sensor, body_min=low, body_max=high)
+    assert counts([scan], boxed) == (12, {"hit.on_body": 6})
 
 
 WINDOWS = [
