@@ -228,6 +228,28 @@ def test_a_stored_map_is_what_it_was(ndim: int, tmp_path: Path) -> None:
     assert (attributes["resolution"], attributes["votes"]) == (0.3, "beam")
 
 
+@pytest.mark.parametrize("ndim", [2, 3])
+def test_a_box_of_a_stored_map_ends_before_hi_on_each_side(ndim: int, tmp_path: Path) -> None:
+    """Of a full block of cells, so that a cell too many is one that is there."""
+    size = 4
+    places = np.stack(np.unravel_index(np.arange(size**ndim), (size,) * ndim), axis=1) - 2
+    evidence = EvidenceMap(1.0, ndim=ndim)
+    evidence.add_cells(places, np.arange(1, size**ndim + 1) * ONE, np.zeros(size**ndim, np.int64))
+    evidence.save(tmp_path / "block.zarr")
+    votes = votes_of(evidence)
+    for axis in range(ndim):
+        lo, hi = np.full(ndim, -2), np.full(ndim, 2)
+        lo[axis], hi[axis] = -1, 1
+        for low, high in ((lo, hi), (lo, None), (None, hi)):
+            want = {
+                cell: vote
+                for cell, vote in votes.items()
+                if (low is None or (cell >= low).all()) and (high is None or (cell < high).all())
+            }
+            assert len(want) == size ** (ndim - 1) * (3 if low is None or high is None else 2)
+            assert votes_of(load_map(tmp_path / "block.zarr", lo=low, hi=high)) == want
+
+
 @pytest.mark.parametrize(("ndim", "shard"), [(2, 1024), (3, 128)])
 def test_a_box_of_a_stored_map_is_a_crop(ndim: int, shard: int, tmp_path: Path) -> None:
     """Cells on both sides of the borders of shards, and boxes that end or begin there."""

@@ -10,8 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from oddsmap.plausibility.pose_readings import quaternion_xyzw
-from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.poses.pose import Pose2, Pose3, quaternion_xyzw
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.scan import Scan
 from oddsmap.simulate import (

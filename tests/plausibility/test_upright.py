@@ -6,10 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oddsmap.plausibility.pose_readings import quaternion_xyzw
 from oddsmap.plausibility.sample import Glance
 from oddsmap.plausibility.upright import doubts_of_upright
-from oddsmap.poses.pose import Pose3
+from oddsmap.poses.pose import Pose3, quaternion_xyzw
 
 POINTS = np.eye(3)
 
@@ -48,5 +47,5 @@ def test_a_quaternion_comes_back_whichever_component_is_largest(largest: int) ->
     q = np.array([0.1, -0.3, 0.2, 0.25])
     q[largest] = 0.9
     q /= np.linalg.norm(q)
-    back = quaternion_xyzw(Pose3.from_quaternion_xyzw((0, 0, 0), q).rotation)
+    back = np.array(quaternion_xyzw(Pose3.from_quaternion_xyzw((0, 0, 0), q).rotation))
     np.testing.assert_allclose(back * np.sign(back @ q), q, atol=1e-12)

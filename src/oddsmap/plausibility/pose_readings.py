@@ -7,12 +7,9 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
+from oddsmap.poses.pose import Pose, Pose2, Pose3, quaternion_xyzw
 
-from oddsmap.array_types import FloatArray
-from oddsmap.poses.pose import Pose, Pose2, Pose3
-
-__all__ = ["AS_READ", "W_FIRST", "PoseReading", "quaternion_xyzw", "readings_of"]
+__all__ = ["AS_READ", "W_FIRST", "PoseReading", "readings_of"]
 
 
 class PoseReading(NamedTuple):
@@ -129,20 +126,3 @@ def readings_of(d: int) -> tuple[PoseReading, ...]:
         if unit.scale in (1e-3, 1e3) and form is not _INVERSE
     ]
     return (*forms, *_UNITS, *both)
-
-
-def quaternion_xyzw(rotation: FloatArray) -> FloatArray:
-    """The unit quaternion of a rotation; its sign does not matter."""
-    # Of the four ways to divide, that by the largest component (Shepperd, 1978).
-    r = rotation
-    trace = float(np.trace(r))
-    four = np.array(
-        [
-            [1 + 2 * r[0, 0] - trace, r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
-            [r[0, 1] + r[1, 0], 1 + 2 * r[1, 1] - trace, r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
-            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], 1 + 2 * r[2, 2] - trace, r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], 1 + trace],
-        ]
-    )
-    column = four[int(np.argmax(np.diag(four)))]
-    return np.asarray(column / np.linalg.norm(column), np.float64)

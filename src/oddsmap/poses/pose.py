@@ -17,7 +17,7 @@ from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.product import product
 
-__all__ = ["Pose", "Pose2", "Pose3"]
+__all__ = ["Pose", "Pose2", "Pose3", "quaternion_xyzw"]
 
 
 # Files write rotations with 6 or 7 digits; beyond this a matrix is scaled or sheared, not rounded.
@@ -139,6 +139,28 @@ class Pose3:
 
 
 Pose = Pose2 | Pose3
+
+
+def quaternion_xyzw(rotation: FloatArray) -> tuple[float, float, float, float]:
+    """The unit quaternion of a rotation matrix, by its largest component.
+
+    Source: Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978).
+    """
+    m = rotation.tolist()
+    trace = m[0][0] + m[1][1] + m[2][2]
+    q = [0.0, 0.0, 0.0, 0.0]
+    diagonal = (m[0][0], m[1][1], m[2][2], trace)
+    largest = diagonal.index(max(diagonal))
+    if largest == 3:
+        q = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1], 1.0 + trace]
+    else:
+        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
+        q[i] = 1.0 + m[i][i] - m[j][j] - m[k][k]
+        q[j] = m[j][i] + m[i][j]
+        q[k] = m[k][i] + m[i][k]
+        q[3] = m[k][j] - m[j][k]
+    norm = math.sqrt(sum(value * value for value in q))
+    return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
 
 
 def _check_rotation(rotation: FloatArray) -> None:

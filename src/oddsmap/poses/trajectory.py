@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
-from oddsmap.poses.pose import Pose3
+from oddsmap.poses.pose import Pose3, quaternion_xyzw
 from oddsmap.poses.product import product
 
 __all__ = ["NoPoseError", "Trajectory"]
@@ -143,7 +143,7 @@ def format_seconds(stamp_ns: int) -> str:
 def _interpolate(start: Pose3, end: Pose3, fraction: float) -> Pose3:
     """Between two poses; the rotation takes the short way around one axis."""
     position = (1.0 - fraction) * start.translation + fraction * end.translation
-    x, y, z, w = _quaternion_xyzw(product(start.rotation.T, end.rotation))
+    x, y, z, w = quaternion_xyzw(product(start.rotation.T, end.rotation))
     sine = math.sqrt(x * x + y * y + z * z)
     if sine == 0.0:
         return Pose3(start.rotation, position)
@@ -154,25 +154,3 @@ def _interpolate(start: Pose3, end: Pose3, fraction: float) -> Pose3:
         np.zeros(3), [x * half, y * half, z * half, math.cos(angle / 2)]
     )
     return Pose3(product(start.rotation, turn.rotation), position)
-
-
-def _quaternion_xyzw(rotation: FloatArray) -> tuple[float, float, float, float]:
-    """The unit quaternion of a rotation matrix, by its largest component.
-
-    Source: Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978).
-    """
-    m = rotation.tolist()
-    trace = m[0][0] + m[1][1] + m[2][2]
-    q = [0.0, 0.0, 0.0, 0.0]
-    diagonal = (m[0][0], m[1][1], m[2][2], trace)
-    largest = diagonal.index(max(diagonal))
-    if largest == 3:
-        q = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1], 1.0 + trace]
-    else:
-        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
-        q[i] = 1.0 + m[i][i] - m[j][j] - m[k][k]
-        q[j] = m[j][i] + m[i][j]
-        q[k] = m[k][i] + m[i][k]
-        q[3] = m[k][j] - m[j][k]
-    norm = math.sqrt(sum(value * value for value in q))
-    return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
