@@ -51,6 +51,7 @@ def test_each_option_reaches_the_reader(office: Path) -> None:
         (LogOptions(camera=read_camera("9 9 9 9 9 9")), "camera"),
         (LogOptions(points_in="map"), "points_in"),
         (LogOptions(columns="x,y,z"), "columns"),
+        (LogOptions(depth_scale=1000.0), "depth_scale"),
     ):
         with pytest.raises(InputError, match=f"leave `{name}` out for this log"):
             options.open(office)
@@ -100,3 +101,16 @@ def test_wrong_numbers_are_refused_before_a_log_is_opened(
     }[command]
     assert LENS in run(command, *words, "--camera", "1 2").line
     assert PLACE in run(command, *words, "--body-from-sensor", "1 2").line
+
+
+@pytest.mark.parametrize("command", ["build", "score", "calibrate"])
+def test_the_scale_of_depths(run: Run, tmp_path: Path, office: Path, command: str) -> None:
+    grid = tmp_path / "m.zarr"
+    run("build", office, "--resolution", 0.2, "-o", grid)
+    words = {
+        "build": (office, "--resolution", 1, "-o", tmp_path / "n.zarr"),
+        "score": (grid, office),
+        "calibrate": (office, "--resolution", 1, "-o", tmp_path / "s.toml"),
+    }[command]
+    assert "leave `depth_scale` out" in run(command, *words, "--depth-scale", "1000").line
+    assert "depth_scale is how many units" in run(command, *words, "--depth-scale", "0").line

@@ -55,19 +55,25 @@ def judge(reader: Reader, mutant: Mutant, good: Answer, folder: Path) -> Outcome
             warnings.simplefilter("ignore")
             answer = reader.read(Path(reader.path))
     except OddsmapError as error:
-        text = str(error)
-        fits = text.isprintable() and 0 < len(text) <= _LONGEST
-        return Outcome("refused" if fits else "long-message", f"{mutant.what}: {text[:600]}")
+        kind = "refused" if _is_line(str(error)) else "long-message"
+        return Outcome(kind, f"{mutant.what}: {str(error)[:600]}")
     except MemoryError as error:
         return Outcome("memory", f"{mutant.what}: {error} {_place(error)}")
     except Exception as error:
         text = f"{type(error).__name__}: {str(error)[:200]} {_place(error)}"
         return Outcome("traceback", f"{mutant.what}: {text}")
+    for said in answer.said:
+        if not _is_line(said):
+            return Outcome("long-message", f"{mutant.what}: {said[:600]}")
     if answer.digest == good.digest:
         return Outcome("ok-same", mutant.what)
     if mutant.expected == "any" or set(answer.said) - set(good.said):
         return Outcome("ok-legal", mutant.what)
     return Outcome("silent", mutant.what)
+
+
+def _is_line(text: str) -> bool:
+    return text.isprintable() and 0 < len(text) <= _LONGEST
 
 
 def _place(error: BaseException) -> str:

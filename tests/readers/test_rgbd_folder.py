@@ -13,6 +13,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.readers import open_log
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.lazy_log import DepthLog
+from tests.test_image_file import png_of
 
 CAMERA = PinholeCamera(2.0, 2.0, 1.0, 0.5, width=3, height=2)
 UNITS = np.array([[0, 1000, 65535], [2000, 5000, 1]], np.uint16)
@@ -100,6 +101,7 @@ def test_an_image_without_pose_says_both_numbers_or_is_counted(tmp_path: Path) -
     ("content", "message"),
     [
         (b"\x89PNG\r\n\x1a\n nothing", "the PNG is cut off"),
+        (png_of(2**31 - 1, 2**31 - 1), r"not an image that can be read \(Image size"),
         (np.zeros((3, 2), np.uint16), "depth image is 2 x 3 pixels, the intrinsics are for 3 x 2"),
         (np.zeros((2, 3), np.uint8), "a L image: depth images are gray with 16 bits"),
     ],

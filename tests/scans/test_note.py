@@ -22,3 +22,11 @@ def test_copies_keep_code_and_severity() -> None:
     note = Note("text", code="a.b", severity="warning")
     for other in (pickle.loads(pickle.dumps(note)), copy.copy(note), copy.deepcopy(note)):
         assert (str(other), other.code, other.severity) == ("text", "a.b", "warning")
+
+
+def test_a_note_is_one_line() -> None:
+    note = Note("FLASER with " + "1, " * 5000 + "2 beams\x1b[31m\nnext", code="a.b")
+    assert note.isprintable()
+    assert len(note) < 420
+    assert note.startswith("FLASER with 1, 1")
+    assert note.endswith("2 beams\\x1b[31m next")

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import Literal, Self
 
+from oddsmap.errors import as_line
+
 __all__ = ["Note", "Severity"]
 
 Severity = Literal["info", "warning"]
@@ -17,7 +19,7 @@ class Note(str):
     It is its text, so that it prints and compares as a string.
 
     Args:
-        text: the sentence.
+        text: the sentence; what cannot be printed in it is escaped, and a long middle left out.
         code: what it is about, in the manner of the reasons of skipped readings
             ("pose.by_order").
         severity: how much it should worry people.
@@ -30,7 +32,7 @@ class Note(str):
 
     def __new__(cls, text: str, *, code: str, severity: Severity = "info") -> Self:
         """A string with two attributes."""
-        note = super().__new__(cls, text)
+        note = super().__new__(cls, as_line(text))
         note.code, note.severity = code, severity
         return note
 
