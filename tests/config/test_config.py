@@ -461,6 +461,8 @@ def test_read_toml(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text('[map]\nresolution = 0.1\nvotes = "beam"\n')
     assert read_toml(file) == {"map": {"resolution": 0.1, "votes": "beam"}}
+    file.write_text("\ufeff[map]\nresolution = 0.1\n", encoding="utf-8")  # as Notepad writes it
+    assert read_toml(file) == {"map": {"resolution": 0.1}}
     for content in (b"[map", b"a = 1\na = 2", b"\xff\xfe"):
         file.write_bytes(content)
         with pytest.raises(ConfigError, match=r"a\.toml: not a TOML file"):

@@ -218,7 +218,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         if line.count(b".") > _MOST_DOTS:
             raise ConfigError(f"{path}:{number}: a key of {line.count(b'.') + 1} parts")
     with decoding(path, "not a TOML file", "correct it there", ConfigError):
-        values = tomllib.loads(content.decode("utf-8"))
+        values = tomllib.loads(content.decode("utf-8-sig"))
     _check_sections(values, str(path))
     return values
 
