@@ -49,7 +49,7 @@ def test_a_doubtful_log_is_mapped(run: Run, tmp_path: Path, change: Change, word
     assert done.status == 0
     lines = [line for line in done.out.splitlines() if "are these" in line]
     assert len(lines) == 1
-    assert lines[0].startswith(f"{log}: {words}")
+    assert lines[0].startswith(f"{log}: warning: {words}")
     assert "; if so, " in lines[0]
 
 
@@ -65,8 +65,8 @@ def test_a_doubt_goes_before_the_error_that_it_explains(run: Run, tmp_path: Path
     done = run("build", log, "--resolution", 0.01, "-o", tmp_path / "map.zarr")
     assert done.status == 1
     doubt, error = done.err.splitlines()
-    assert doubt.startswith(f"{log}: are these ranges in millimetres?")
-    assert error.startswith("oddsmap: one scan spans")
+    assert doubt.startswith(f"{log}: warning: are these ranges in millimetres?")
+    assert error.startswith(f"oddsmap: {log}: one scan spans")
 
 
 @pytest.mark.parametrize("hold_out", [(), ("--hold-out", 0.1)])

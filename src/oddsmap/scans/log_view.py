@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from oddsmap.scans.log import Log, SensorInfo
+from oddsmap.scans.memory_log import BadLine
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
@@ -54,6 +55,12 @@ class LogView:
     def notes(self) -> tuple[Note, ...]:
         """What to know about the log."""
         return self.log.notes
+
+    @property
+    def bad_lines(self) -> tuple[BadLine, ...]:
+        """The first lines that could not be read, where the log knows them."""
+        lines: tuple[BadLine, ...] = getattr(self.log, "bad_lines", ())
+        return lines
 
     @property
     def scan_count(self) -> int | None:
