@@ -29,11 +29,20 @@ def test_a_parabola_is_found_at_once(top: float, start: float, sharp: float) -> 
     assert len(calls) == len(set(calls)) <= 9
 
 
-@pytest.mark.parametrize("start", [0.2, 0.9, 1.0])
-def test_a_maximum_at_a_bound(start: float) -> None:
-    peak = climb(lambda x: 3 * x, start, 0.2, 0.0, 1.0)
-    assert peak.place == 1.0
+@pytest.mark.parametrize("start", [-0.4, 0.2, 0.9, 1.0, 1.7])
+@pytest.mark.parametrize("slope", [3.0, -3.0])
+def test_a_maximum_at_a_bound(start: float, slope: float) -> None:
+    """Nothing is asked beyond the bounds, wherever the search starts."""
+    calls: list[float] = []
+
+    def value(x: float) -> float:
+        calls.append(x)
+        return slope * x
+
+    peak = climb(value, start, 0.2, 0.0, 1.0)
+    assert peak.place == (1.0 if slope > 0 else 0.0)
     assert math.isnan(peak.error)
+    assert 0.0 <= min(calls) <= max(calls) <= 1.0
 
 
 def test_noise_near_the_top_has_little_say() -> None:

@@ -64,6 +64,7 @@ def test_a_perfect_map_and_its_opposite() -> None:
     truth = np.array([[True, False], [False, True]])
     best = evaluate(truth.astype(float), truth)
     assert (best.auc, best.brier, best.ece, best.iou, best.n) == (1.0, 0.0, 0.0, 1.0, 4)
+    assert best.log_loss == pytest.approx(1e-9, rel=1e-6)  # nothing is surer than that
     worst = evaluate(1.0 - truth, truth)
     assert (worst.auc, worst.brier, worst.iou) == (0.0, 1.0, 0.0)
     assert worst.log_loss == pytest.approx(-math.log(1e-9))
