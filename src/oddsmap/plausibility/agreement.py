@@ -82,11 +82,15 @@ def doubts_of_poses(pairs: Sequence[Pair]) -> list[Note]:
     best = min(suspects, key=lambda found: found.apart_then * _MORE**found.reading.mistakes)
     text = (
         f"are these {best.reading.suspicion}? {best.better} of {best.pairs} pairs of scans would "
-        f"then fit together better and {best.worse} worse: what both see lies "
-        f"{best.apart:.2g} of a range apart, and would lie {best.apart_then:.2g}; if so, "
+        f"then fit together better and {best.worse} worse, with what both see "
+        f"{_short(best.apart_then)} instead of {_short(best.apart)} ranges apart; if so, "
         f"{best.reading.remedy}"
     )
     return [Note(text, code=best.reading.code, severity="warning")]
+
+
+def _short(number: float) -> str:
+    return f"{number:.2g}" if number < 10.0 else f"{number:.0f}"
 
 
 def compare_readings(pairs: Sequence[Pair]) -> list[Comparison]:
