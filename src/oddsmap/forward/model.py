@@ -33,6 +33,8 @@ __all__ = ["ForwardModel"]
 # An echo from this many sigma behind a reading explains it no better than a random reading does:
 # at the defaults its share of L_k is 0.6 % of p_random's at 5 sigma (55 % at 4).
 _CUT = 5.0
+# Of 8 bytes each; some thousand are usual.
+_MOST_BINS = 1 << 26
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,8 +144,19 @@ class ForwardModel:
         return np.where(z >= self.range_min, far, np.nan)
 
     def bin_count(self, resolution: float) -> int:
-        """How many range bins there are, for cells of a side [m]."""
-        return int(float(self.reach(np.inf)) / self.bin_width_at(resolution)) + 2
+        """How many range bins there are, for cells of a side [m].
+
+        Raises:
+            ConfigError: more than a reading's likelihoods could be held for.
+        """
+        width = self.bin_width_at(resolution)
+        bins = float(self.reach(np.inf)) / width
+        if not bins < _MOST_BINS:
+            raise ConfigError(
+                f"sensor.range_max {self.range_max:g} m and sigma {self.sigma:g} m reach over "
+                f"{bins:.1e} bins of {width:g} m: set a smaller range_max, or a larger bin_width"
+            )
+        return int(bins) + 2
 
     def bin_likelihoods(self, reading: float, resolution: float) -> tuple[FloatArray, float]:
         """What a reading says about where the first echo came from.
