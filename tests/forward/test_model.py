@@ -318,6 +318,6 @@ def test_bad_input() -> None:
 
 @pytest.mark.parametrize("change", [{"range_max": 1e308}, {"sigma": 1e300}, {"bin_width": 1e-300}])
 def test_bins_beyond_all_memory_are_refused(change: dict[str, float]) -> None:
-    model = ForwardModel(**{"range_max": 4.0, "cone_deg": 20.0, **change})  # type: ignore[arg-type]
+    model = ForwardModel(**{"range_max": 4.0, "cone_deg": 20.0, **change})
     with pytest.raises(ConfigError, match=r"reach over .* bins of .* m: set a smaller range_max"):
         model.bin_count(0.1)
