@@ -139,3 +139,17 @@ def test_failures_write_nothing(run: Run, seen: Path, tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert run("landmarks", seen).status == 2
     assert run("landmarks", seen, "--min-count", 0, "-o", tmp_path / "m.csv").status == 2
+
+
+def test_what_cannot_be_calculated_with_is_said(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "seen.csv"
+    path.write_text("x,y,theta,range,bearing,id\n0,0,0,1e9,0.1,1\n0,0,0,2,0.1,-1\n")
+    words = ("landmarks", path, "-o", tmp_path / "a.csv", "--sigma-range", 0.1)
+    line = run(*words, "--sigma-bearing", 2).line
+    assert line.endswith(
+        "none of the observations is usable (1 x observation.no_id, 1 x observation.out_of_scale)"
+    )
+    with path.open("a") as file:
+        file.write("0,0,0,3,0,2\n")
+    facts = run(*words, "--sigma-bearing", 2, "--json").json
+    assert facts["skipped"] == {"observation.no_id": 1, "observation.out_of_scale": 1}

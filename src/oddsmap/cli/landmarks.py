@@ -167,7 +167,8 @@ def _why_none(found: LandmarkMap, table: ObservationTable) -> str:
             f"no landmark was observed often enough, {found.tentative} are tentative: "
             "see --min-count"
         )
-    return "no landmark: none of the observations is usable"
+    skipped = ", ".join(f"{n} x {why}" for why, n in (table.skipped + found.skipped).items())
+    return f"no landmark: none of the observations is usable ({skipped or 'there are none'})"
 
 
 def _say(voice: Voice, facts: dict[str, Any]) -> None:
