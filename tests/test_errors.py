@@ -31,6 +31,7 @@ def test_a_message_is_one_line(kind: type[OddsmapError]) -> None:
     assert text.endswith("999: copy the file again")
     # What a terminal would obey, and what it could not print: a name of bytes that are no UTF-8.
     assert str(kind("a\x1b[31m\nb\r\n\udcff\0")) == r"a\x1b[31m b  \udcff\x00"
+    assert len(str(kind("\x7f" * 5000))) < 400
     assert str(pickle.loads(pickle.dumps(kind("a")))) == "a"
 
 

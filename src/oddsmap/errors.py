@@ -72,15 +72,21 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def as_line(text: str, longest: int = _LONGEST) -> str:
     """A text as one printable line: control characters are escaped, a long middle is left out."""
-    if len(text) > longest:
-        head = longest * _HEAD // _LONGEST
-        text = f"{text[:head]} ... {text[len(text) - longest * _TAIL // _LONGEST :]}"
+    text = _cut(text, longest)
     if text.isprintable():
         return text
-    return "".join(
+    escaped = (
         c if c.isprintable() else " " if c in "\r\n" else c.encode("unicode_escape").decode()
         for c in text
     )
+    return _cut("".join(escaped), longest)  # again: an escape is longer than what it stands for
+
+
+def _cut(text: str, longest: int) -> str:
+    if len(text) <= longest:
+        return text
+    head, tail = longest * _HEAD // _LONGEST, longest * _TAIL // _LONGEST
+    return f"{text[:head]} ... {text[len(text) - tail :]}"
 
 
 class _Shown(reprlib.Repr):
