@@ -76,6 +76,8 @@ ROOT = [
     ("origin_cell", [1 << 70, 0], "attribute origin_cell needs 2 or 3 indices"),
     ("origin_cell", [0, 0], "attribute origin is [-102.4"),
     ("origin", [0.0, 0.0], "attribute origin is [0.0, 0.0], and origin_cell lies at [-102.4"),
+    ("provenance", "x", "attribute provenance is no list of tables: 'x'"),
+    ("provenance", ["x"], "attribute provenance is no list of tables: ['x']"),
     ("known_cells_lo", [-2000, 0], "known cells [-2000, 0] to [4, 7] lie outside the arrays"),
     ("known_cells_hi", [4, 70000], "lie outside the arrays"),
     ("known_cells_hi", [-5, 4], "lie outside the arrays"),
@@ -142,7 +144,7 @@ def test_a_change_by_hand_is_noticed(saved: Path, file: str) -> None:
     change(saved, file, put("attributes", "mine", value=3), sealed=True)
     assert load_map(saved).cell_count() == 2  # other people's attributes are theirs
     name = "provenance" if file == "zarr.json" else "description"
-    change(saved, file, put("attributes", name, value=["x"]), sealed=True)
+    change(saved, file, put("attributes", name, value=[{"x": 1}]), sealed=True)
     assert "is not what was saved (attribute digest; set that to null" in complaint(saved)
     change(saved, file, put("attributes", "mine", value=3))
     assert load_map(saved).cell_count() == 2

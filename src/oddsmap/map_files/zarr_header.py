@@ -97,6 +97,9 @@ def read_header(path: Path, kind: str) -> Header:
         raise ValueError(f"arrays of one map differ in shape: {shapes}")
     if any(first + n > _MAX_INDEX for first, n in zip(origin, shape[::-1], strict=True)):
         raise ValueError(f"{shape} cells from {origin} on are beyond all maps")
+    provenance = attributes["provenance"]
+    if not (isinstance(provenance, list) and all(isinstance(each, dict) for each in provenance)):
+        raise ValueError(f"attribute provenance is no list of tables: {provenance!r:.60}")
     grid = tuple(n // SHARD[d] for n in shape)
     return Header(
         attributes=attributes,
