@@ -14,7 +14,18 @@ import pytest
 import oddsmap
 
 PACKAGE = Path(oddsmap.__file__).parent
-HEAVY = {"numba", "zarr", "matplotlib", "xarray", "PIL", "yaml", "rich", "typer", "scipy"}
+HEAVY = {
+    "numba",
+    "numcodecs",
+    "zarr",
+    "matplotlib",
+    "xarray",
+    "PIL",
+    "yaml",
+    "rich",
+    "typer",
+    "scipy",
+}
 STDLIB = set(sys.stdlib_module_names)
 
 

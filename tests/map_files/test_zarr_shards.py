@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numcodecs.zstd import Zstd  # type: ignore[import-untyped]
+import zarr
+from numcodecs.zstd import Zstd
 
 from oddsmap import load_map
 from oddsmap.errors import InputError
-from oddsmap.map_files.zarr_shards import _unpacked_bytes, check_shard
+from oddsmap.map_files.zarr_shards import _crc32c, _unpacked_bytes, unpack_shard
 from tests.saved_maps_kit import KINDS
 
-CHUNKS, BYTES = 64, 128 * 128
+CHUNKS = 64
 
 
 @pytest.fixture
@@ -31,10 +32,28 @@ def test_the_length_of_a_frame(size: int) -> None:
     assert _unpacked_bytes(b"PK\x03\x04 and more") is None
 
 
-def test_a_whole_shard(shard: Path) -> None:
-    check_shard(shard, chunks=CHUNKS, chunk_bytes=BYTES)
-    with pytest.raises(ValueError, match="does not unpack to 16385 bytes"):
-        check_shard(shard, chunks=CHUNKS, chunk_bytes=BYTES + 1)
+def test_the_checksum_of_an_index() -> None:
+    assert _crc32c(b"123456789") == 0xE3069283  # RFC 3720 has it so
+    assert _crc32c(bytes(32)) == 0x8A9136AA
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "u4", "u8", "f4"])
+@pytest.mark.parametrize("d", [2, 3])
+def test_what_zarr_packs(d: int, dtype: str, tmp_path: Path) -> None:
+    shape = (64,) * d
+    array = zarr.create_array(
+        tmp_path / "a", shape=shape, shards=shape, chunks=(16,) * d, dtype=dtype, fill_value=7
+    )
+    wanted = np.full(shape, 7, dtype)
+    corner = (slice(3, 20),) * d
+    wanted[corner] = np.random.default_rng(0).integers(0, 200, (17,) * d)
+    array[...] = wanted
+    found = np.full(shape, 7, dtype)
+    content = (tmp_path / "a" / "c" / "/".join("0" * d)).read_bytes()
+    unpack_shard(content, found, 16, "a")
+    np.testing.assert_array_equal(found, wanted)
+    with pytest.raises(ValueError, match="does not match its checksum"):
+        unpack_shard(content[:-1] + b"x", found, 16, "a")
 
 
 def refused(shard: Path, content: bytes) -> str:
@@ -56,10 +75,10 @@ def test_a_chunk_that_would_fill_the_memory(shard: Path) -> None:
 
 def test_a_chunk_outside_its_file(shard: Path) -> None:
     content = shard.read_bytes()
-    away = (1 << 63).to_bytes(8, "little")
-    assert "lies outside the file" in refused(
-        shard, content[: -16 * CHUNKS - 4] + away * (2 * CHUNKS + 1)
-    )
+    index = (1 << 63).to_bytes(8, "little") * (2 * CHUNKS)
+    away = content[: -16 * CHUNKS - 4] + index + _crc32c(index).to_bytes(4, "little")
+    assert "lies outside the file" in refused(shard, away)
+    assert "is larger than its cells" in refused(shard, bytes(3 << 20))
     assert "less than its index" in refused(shard, content[:100])
 
 

@@ -1,10 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The shards of a saved map: which there are, whether they are whole, and their cells."""
+"""The shards of a saved map: which there are, whether they are whole, and their cells.
+
+They are unpacked here and not by Zarr, which asks for whatever memory a chunk says that it needs,
+and whose threads go on, and speak on stderr, after the first damaged chunk.
+"""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +18,14 @@ import numpy.typing as npt
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD, shard_files
 from oddsmap.map_files.zarr_header import Header
 
-__all__ = ["SavedShards", "check_shard"]
+__all__ = ["SavedShards", "unpack_shard"]
 
 _EMPTY = (1 << 64) - 1  # offset and length of a chunk that is not written
 _ZSTD = b"\x28\xb5\x2f\xfd"
 # Of a zstd frame's header: bytes of the field for its length, by two bits, and of the dictionary's.
 _LENGTH_BYTES, _DICTIONARY_BYTES = (0, 2, 4, 8), (0, 1, 2, 4)
 _FRAME_HEADER = 18
+_CASTAGNOLI = 0x82F63B78
 
 
 class SavedShards:
@@ -32,11 +37,8 @@ class SavedShards:
     """
 
     def __init__(self, path: Path, header: Header) -> None:
-        import zarr
-
         self.path, self.header = path, header
         self.ndim = len(header.shape)
-        self._root = zarr.open_group(path, mode="r", zarr_format=3)
 
     def places(self, names: Iterable[str]) -> list[tuple[int, ...]]:
         """Where any of some arrays has a file, in shards, z before y before x, in order.
@@ -61,50 +63,79 @@ class SavedShards:
         return sorted(found)
 
     def read(self, name: str, place: tuple[int, ...]) -> npt.NDArray[Any]:
-        """All cells of a shard, shape (side,) * d; the fill value where it has no file."""
-        side, chunk = SHARD[self.ndim], CHUNK[self.ndim]
-        dtype = self.header.arrays[name].dtype
+        """All cells of a shard, shape (side,) * d; the fill value where it has no file.
+
+        Raises:
+            ValueError, RuntimeError: it is damaged.
+        """
+        array = self.header.arrays[name]
+        cells = np.full((SHARD[self.ndim],) * self.ndim, array.fill_value, array.dtype)
         file = self.path / self._file(name, place)
         if file.exists():
-            count, size = (side // chunk) ** self.ndim, chunk**self.ndim * dtype.itemsize
-            check_shard(file, chunks=count, chunk_bytes=size)
-        cut = tuple(slice(i * side, (i + 1) * side) for i in place)
-        array: Any = self._root[name]
-        cells = np.asarray(array[cut])
-        if cells.shape != (side,) * self.ndim or cells.dtype != dtype:
-            raise ValueError(f"{self._file(name, place)} holds {cells.shape} {cells.dtype}")
+            if file.stat().st_size > 2 * cells.nbytes:  # what cannot be packed is hardly longer
+                raise ValueError(f"{self._file(name, place)} is larger than its cells")
+            unpack_shard(file.read_bytes(), cells, CHUNK[self.ndim], self._file(name, place))
         return cells
 
     def _file(self, name: str, place: tuple[int, ...]) -> str:
         return f"{name}/c/{'/'.join(map(str, place))}"
 
 
-def check_shard(file: Path, *, chunks: int, chunk_bytes: int) -> None:
-    """Check that a shard unpacks to no more than it should, before it is unpacked.
+def unpack_shard(content: bytes, cells: npt.NDArray[Any], chunk: int, name: str) -> None:
+    """Unpack the chunks of a shard that are written.
 
     Args:
-        file: the shard.
-        chunks: how many it has room for.
-        chunk_bytes: what each unpacks to.
+        content: of the file: chunks as zstd frames, then their offsets and lengths as uint64, then
+            the CRC-32C of those (Zarr's sharding_indexed).
+        cells: filled, shape (side,) * d.
+        chunk: side of a chunk [cells].
+        name: of the file, for messages.
 
     Raises:
-        ValueError: its index leads outside it, or a chunk says that it is of another size.
+        ValueError: its index is damaged or leads outside it, or a chunk says that it is of another
+            size: it is not unpacked then.
+        RuntimeError: a chunk is damaged.
     """
-    with file.open("rb") as content:
-        size = os.fstat(content.fileno()).st_size
-        index_bytes = 16 * chunks
-        if size < index_bytes + 4:
-            raise ValueError(f"{file.name} has {size} bytes, less than its index")
-        content.seek(size - index_bytes - 4)
-        index = np.frombuffer(content.read(index_bytes), "<u8").reshape(-1, 2).tolist()
-        for start, length in index:
-            if start == length == _EMPTY:
-                continue
-            if start + length > size:
-                raise ValueError(f"a chunk of {file.name} lies outside the file")
-            content.seek(start)
-            if _unpacked_bytes(content.read(min(length, _FRAME_HEADER))) != chunk_bytes:
-                raise ValueError(f"a chunk of {file.name} does not unpack to {chunk_bytes} bytes")
+    from numcodecs.zstd import Zstd
+
+    d, dtype = cells.ndim, cells.dtype.newbyteorder("<")
+    grid = (cells.shape[0] // chunk,) * d
+    size, index_at = chunk**d * dtype.itemsize, len(content) - 16 * grid[0] ** d - 4
+    if index_at < 0:
+        raise ValueError(f"{name} has {len(content)} bytes, less than its index")
+    if _crc32c(content[index_at:-4]) != int.from_bytes(content[-4:], "little"):
+        raise ValueError(f"the index of {name} does not match its checksum")
+    index = np.frombuffer(content[index_at:-4], "<u8").reshape(-1, 2).tolist()
+    unpack = Zstd()
+    for number, (start, length) in enumerate(index):
+        if start == length == _EMPTY:
+            continue
+        if start + length > index_at:
+            raise ValueError(f"a chunk of {name} lies outside the file")
+        frame = content[start : start + length]
+        if _unpacked_bytes(frame[:_FRAME_HEADER]) != size:
+            raise ValueError(f"a chunk of {name} does not unpack to {size} bytes")
+        block = np.frombuffer(unpack.decode(frame), dtype).reshape((chunk,) * d)
+        at = np.unravel_index(number, grid)
+        cells[tuple(slice(int(i) * chunk, (int(i) + 1) * chunk) for i in at)] = block
+
+
+@cache
+def _crc_table() -> list[int]:
+    table = []
+    for value in range(256):
+        for _ in range(8):
+            value = (value >> 1) ^ (_CASTAGNOLI if value & 1 else 0)
+        table.append(value)
+    return table
+
+
+def _crc32c(content: bytes) -> int:
+    """CRC-32C (Castagnoli) of some bytes; an index has a thousand."""
+    table, value = _crc_table(), 0xFFFFFFFF
+    for byte in content:
+        value = (value >> 8) ^ table[(value ^ byte) & 0xFF]
+    return value ^ 0xFFFFFFFF
 
 
 def _unpacked_bytes(frame: bytes) -> int | None:
