@@ -367,7 +367,9 @@ def test_a_garbled_shard(saved: Path, damage: str) -> None:
             "flipped": content[:-1] + bytes([content[-1] ^ 1]),
         }[damage]
     )
-    assert "damaged" in one_line(saved)
+    text = one_line(saved)
+    assert "damaged" in text
+    assert shard.relative_to(saved).as_posix() in text  # where
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"a": 1}', "\x00\x01"])

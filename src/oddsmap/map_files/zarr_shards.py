@@ -66,7 +66,7 @@ class SavedShards:
         """All cells of a shard, shape (side,) * d; the fill value where it has no file.
 
         Raises:
-            ValueError, RuntimeError: it is damaged.
+            ValueError: it is damaged.
         """
         array = self.header.arrays[name]
         cells = np.full((SHARD[self.ndim],) * self.ndim, array.fill_value, array.dtype)
@@ -92,9 +92,8 @@ def unpack_shard(content: bytes, cells: npt.NDArray[Any], chunk: int, name: str)
         name: of the file, for messages.
 
     Raises:
-        ValueError: its index is damaged or leads outside it, or a chunk says that it is of another
-            size: it is not unpacked then.
-        RuntimeError: a chunk is damaged.
+        ValueError: its index is damaged or leads outside it, or a chunk is damaged. One that says
+            that it is of another size is not unpacked.
     """
     from numcodecs.zstd import Zstd
 
@@ -115,7 +114,10 @@ def unpack_shard(content: bytes, cells: npt.NDArray[Any], chunk: int, name: str)
         frame = content[start : start + length]
         if _unpacked_bytes(frame[:_FRAME_HEADER]) != size:
             raise ValueError(f"a chunk of {name} does not unpack to {size} bytes")
-        block = np.frombuffer(unpack.decode(frame), dtype).reshape((chunk,) * d)
+        try:
+            block = np.frombuffer(unpack.decode(frame), dtype).reshape((chunk,) * d)
+        except (RuntimeError, ValueError):
+            raise ValueError(f"a chunk of {name} cannot be unpacked") from None
         at = np.unravel_index(number, grid)
         cells[tuple(slice(int(i) * chunk, (int(i) + 1) * chunk) for i in at)] = block
 
