@@ -96,7 +96,7 @@ def test_names_and_files_in_the_way(tmp_path: Path) -> None:
 
 def test_damaged_files(tmp_path: Path) -> None:
     path = a_map().save(tmp_path / "a.json")
-    fine = json.loads(path.read_text(encoding="utf-8"))
+    fine = json.loads(path.read_text(encoding="utf-8")) | {"digest": None}  # edited on purpose
 
     def refused(content: object) -> str:
         path.write_text(json.dumps(content), encoding="utf-8")
@@ -143,9 +143,28 @@ def test_a_value_that_cannot_be(
 ) -> None:
     path = a_map().save(tmp_path / "a.json")
     content = json.loads(path.read_text())
+    del content["digest"]  # what is checked behind it
     change(content)
     path.write_text(json.dumps(content))
     with pytest.raises(InputError) as caught:
         LandmarkMap.load(path)
     assert f"{path}: a damaged landmark map (" in str(caught.value)
     assert message in str(caught.value)
+
+
+def test_a_flipped_bit_makes_no_other_map(tmp_path: Path) -> None:
+    path = a_map().save(tmp_path / "a.json")
+    whole, expected = path.read_bytes(), LandmarkMap.load(path).to_dict()
+    rng, refused = np.random.default_rng(0), 0
+    for _ in range(200):
+        at, bit = int(rng.integers(len(whole))), int(rng.integers(8))
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ (1 << bit)]) + whole[at + 1 :])
+        try:
+            assert LandmarkMap.load(path).to_dict() == expected
+        except InputError:
+            refused += 1
+    assert refused > 150
+    older = json.loads(whole)
+    del older["digest"]
+    path.write_text(json.dumps(older))
+    assert LandmarkMap.load(path).to_dict() == expected

@@ -7,6 +7,7 @@ Numbers are written with the digits that give the same float64 back.
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import os
 from collections.abc import Sequence
@@ -29,6 +30,7 @@ def save_json(content: dict[str, Any], path: Path, *, force: bool = False) -> No
     """Write all of a map, as `LandmarkMap.to_dict` gives it."""
     with atomic_output(path, force=force) as part:
         whole = {"format": _FORMAT, "version": _VERSION, **content}
+        whole["digest"] = _digest(whole)
         part.write_text(json.dumps(whole, allow_nan=False) + "\n", encoding="utf-8")
 
 
@@ -69,4 +71,16 @@ def read_json(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise InputError(
             f"{name}: a landmark map of version {version}, this oddsmap reads version {_VERSION}"
         )
+    digest = content.pop("digest", None)
+    if digest is not None and digest != _digest(content):
+        raise InputError(
+            f"{name}: damaged: not what was saved (its digest; set that to null if you have "
+            "edited the file)"
+        )
     return dict(content)
+
+
+def _digest(content: dict[str, Any]) -> str:
+    """SHA-256 of a map but its digest."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
