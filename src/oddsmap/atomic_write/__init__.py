@@ -2,7 +2,8 @@
 """Writing that leaves the old file or folder, the new one or none, never a half.
 
 `output.py` is the whole way; `work_folder.py` is where the new one is made, and how what a killed
-run left of it is found; `swap.py` puts it in place; `sync.py` sees to it that it is on the disk.
+run left of it is found (`lock.py`); `swap.py` puts it in place; `sync.py` sees to it that it is on
+the disk.
 """
 
 from oddsmap.atomic_write.output import (

@@ -19,24 +19,19 @@ import json
 import os
 import re
 import secrets
-import sys
 import time
 import warnings
 from contextlib import suppress
 from pathlib import Path
 
+from oddsmap.atomic_write.lock import is_open_at, try_lock, unlock
 from oddsmap.atomic_write.swap import remove, rename_to_free
 from oddsmap.errors import RecoveryWarning
-
-if sys.platform != "win32":
-    import fcntl
 
 __all__ = ["WorkFolder", "clear_dead", "put_back"]
 
 _NAME = re.compile(r"\.oddsmap-[0-9a-f]{16}\.part")
 _OWNER, _NEW, _OLD, _READY = "owner", "new", "old", "ready"
-# Beyond what is written: on Windows a locked byte cannot be read by others.
-_LOCKED_BYTE = 1 << 20
 # Threads of Zarr may be writing when an interrupt comes [s].
 _SETTLE = 0.05
 
@@ -88,7 +83,7 @@ class WorkFolder:
                 time.sleep(_SETTLE)
                 _empty(self.path)
         finally:
-            _unlock(self._lock)
+            unlock(self._lock)
             _empty(self.path)  # Windows removes no file that is open
 
 
@@ -109,7 +104,7 @@ def clear_dead(parent: Path) -> None:
             finished, restored = _finish(folder, parent, outputs), _restore(folder, parent)
             _empty(folder)
         finally:
-            _unlock(lock)
+            unlock(lock)
         _empty(folder)
         for name in finished:
             _say(f"{parent / name}: a run was killed while it put its files in place; finished")
@@ -147,7 +142,7 @@ def _claim_new(parent: Path) -> tuple[Path, int]:
             if not parent.is_dir():
                 raise
             continue
-        if _try_lock(lock) is not False and _is_open_at(lock, folder / _OWNER):
+        if try_lock(lock) is not False and is_open_at(lock, folder / _OWNER):
             return folder, lock
         os.close(lock)
 
@@ -164,48 +159,10 @@ def _claim_dead(folder: Path) -> int | None:
             lock = os.open(owner, os.O_CREAT | os.O_EXCL | os.O_RDWR)
     except OSError:
         return None
-    if _try_lock(lock) and _is_open_at(lock, owner):
+    if try_lock(lock) and is_open_at(lock, owner):
         return lock
     os.close(lock)
     return None
-
-
-def _try_lock(number: int) -> bool | None:
-    """Whether an open file is locked now; None where there are no locks."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        try:
-            os.lseek(number, _LOCKED_BYTE, os.SEEK_SET)
-            msvcrt.locking(number, msvcrt.LK_NBLCK, 1)
-            os.lseek(number, 0, os.SEEK_SET)
-        except OSError:
-            return False
-        return True
-    try:
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:
-        return None
-    return True
-
-
-def _unlock(number: int) -> None:
-    if sys.platform != "win32":
-        with suppress(OSError):
-            # Closing alone would leave it to the children of a process that has forked.
-            fcntl.flock(number, fcntl.LOCK_UN)
-    os.close(number)
-
-
-def _is_open_at(number: int, path: Path) -> bool:
-    """Whether an open file is still the one at a path, or has been removed by another run."""
-    try:
-        there = path.stat()
-    except OSError:
-        return False
-    return os.path.samestat(os.fstat(number), there)
 
 
 def _outputs_of(folder: Path) -> list[str]:
