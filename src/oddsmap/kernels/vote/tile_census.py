@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import inlined, kernel
+from oddsmap.kernels.jit import borrowing, inlined
 from oddsmap.kernels.units import FRACTION_BITS, HITS, ONE, PASSES
 from oddsmap.kernels.vote.tiles import TILE_COUNT, TileArrays
 
@@ -35,7 +35,7 @@ def _weight(tiles: TileArrays, slot: int, row: int, channel: int, cell: int) -> 
     return units
 
 
-@kernel
+@borrowing
 def take_census(tiles: TileArrays, side: int, lo: IntArray, hi: IntArray, totals: IntArray) -> None:
     """Count, sum and bound the cells with a weight.
 
@@ -78,7 +78,7 @@ def take_census(tiles: TileArrays, side: int, lo: IntArray, hi: IntArray, totals
             _widen(tiles, slot, row, side, lo, hi)
 
 
-@kernel
+@borrowing
 def _widen(tiles: TileArrays, slot: int, row: int, side: int, lo: IntArray, hi: IntArray) -> None:
     # Only tiles that reach over the box so far are looked at cell by cell.
     reaches = False
@@ -98,7 +98,7 @@ def _widen(tiles: TileArrays, slot: int, row: int, side: int, lo: IntArray, hi: 
             hi[axis] = max(hi[axis], at + 1)
 
 
-@kernel
+@borrowing
 def list_cells(
     tiles: TileArrays,
     side: int,
