@@ -202,6 +202,10 @@ def scoring(belief: Callable[[], Any], scans: Callable[[], list[Any]], sensor: A
     return lambda _: partial(oddsmap.score_map, belief(), scans(), sensor)
 
 
+def doubting(_: Path) -> Repeat:
+    return partial(oddsmap.check_log, [*lidar()])
+
+
 def evaluating(_: Path) -> Repeat:
     p = np.random.default_rng(0).random((400, 400))
     return partial(oddsmap.evaluate, p, p > 0.4)

@@ -271,10 +271,16 @@ def test_a_box_of_a_stored_map_is_a_crop(ndim: int, shard: int, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("weight", "kind"), [(-1, "<i8"), (2**46 + 1, "<u8"), (2**48, "<u8"), (2**63, "<u8")]
+    ("weight", "kind", "words"),
+    [
+        (-1, "<i8", "hits holds int64, which are no counts"),
+        (2**46 + 256, "<u8", "hits holds weights that are not counts"),
+        (2**48, "<u8", "hits holds weights that are not counts"),
+        (2**63, "<u8", "hits holds weights that are not counts"),
+    ],
 )
 def test_stored_weights_that_are_no_counts_are_refused(
-    weight: int, kind: str, tmp_path: Path
+    weight: int, kind: str, words: str, tmp_path: Path
 ) -> None:
     """In whole votes here: 2^48 of them would wrap around to none."""
     import zarr
@@ -284,13 +290,15 @@ def test_stored_weights_that_are_no_counts_are_refused(
     path = tmp_path / "a.zarr"
     evidence.save(path)
     root: Any = zarr.open_group(path, mode="r+")
-    old = root["hits"]
-    values, attributes = np.asarray(old[:]).astype(kind), dict(old.attrs)
-    assert attributes["weight_unit"] == 1.0
-    values[values == 2] = weight
-    new = root.create_array(
-        "hits", data=values, chunks=old.chunks, shards=old.shards, fill_value=0, overwrite=True
-    )
-    new.attrs.update(attributes)
-    with pytest.raises(InputError, match="hits holds weights that are not counts"):
+    for name in ("hits", "passes"):
+        old = root[name]
+        values, attributes = np.asarray(old[:]).astype(kind), dict(old.attrs)
+        assert attributes["weight_unit"] == 1.0
+        values[values == 2] = weight
+        new = root.create_array(
+            name, data=values, chunks=old.chunks, shards=old.shards, fill_value=0, overwrite=True
+        )
+        new.attrs.update(attributes)
+    root.attrs["digest"] = None  # as who edits a map on purpose does
+    with pytest.raises(InputError, match=words):
         load_map(path)

@@ -61,6 +61,7 @@ WORKLOADS: dict[str, Workload] = {
     "calibration of beams": kit.calibrating(lambda: kit.lidar()[:1], LIDAR, noise_only=True),
     "score of a full map": kit.scoring(kit.full_map, kit.sonar, SONAR),
     "score of a view": kit.scoring(kit.view, lambda: kit.lidar()[:5], LIDAR),
+    "doubts of a log": kit.doubting,
     "evaluation": kit.evaluating,
     "exact posterior": kit.exact,
     "views": files_kit.views,

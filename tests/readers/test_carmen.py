@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
-import gc
 import sys
 from pathlib import Path
 from types import FrameType
@@ -225,21 +224,21 @@ def test_a_real_pose_and_its_damaged_stamps(data_folder: Path) -> None:
 
 def calls_of_reading(path: Path) -> int:
     """How many functions are called to read a log: work that any machine does alike."""
-    count = 0
+    counts = []
+    for _ in range(4):  # the first one imports, and others may call functions meanwhile
+        count = 0
 
-    def look(frame: FrameType, event: str, arg: object) -> None:
-        nonlocal count
-        count += event in ("call", "c_call")
+        def look(frame: FrameType, event: str, arg: object) -> None:
+            nonlocal count
+            count += event in ("call", "c_call")
 
-    open_log(path)  # what is imported when first used
-    gc.disable()  # a collection calls functions of others
-    sys.setprofile(look)
-    try:
-        open_log(path)
-    finally:
-        sys.setprofile(None)
-        gc.enable()
-    return count
+        sys.setprofile(look)
+        try:
+            open_log(path)
+        finally:
+            sys.setprofile(None)
+        counts.append(count)
+    return min(counts)
 
 
 def test_python_has_little_to_do_for_each_line_and_nothing_for_each_range(tmp_path: Path) -> None:
