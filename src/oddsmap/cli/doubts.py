@@ -43,8 +43,11 @@ def doubts_of_settings(log: Log, config: Config) -> list[Note]:
     turning = [name for name in _ON_THE_ROBOT if getattr(config.sensor, name, None) is not None]
     if turning and log.format == "NPZ beam log":
         found.append(
-            f"sensor.{turning[0]} is in the sensor frame, and this log has the directions of its "
-            "beams in the map frame: what is set does not turn with the robot"
+            _doubt(
+                f"sensor.{turning[0]} is in the sensor frame, and this log has the directions of "
+                "its beams in the map frame: what is set does not turn with the robot",
+                "sensor.frame",
+            )
         )
     return found
 
