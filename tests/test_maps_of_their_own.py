@@ -273,7 +273,7 @@ def test_a_box_of_a_stored_map_is_a_crop(ndim: int, shard: int, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("weight", "kind", "words"),
     [
-        (-1, "<i8", "hits holds int64, which are no counts"),
+        (-1, "<i8", "hits holds 'int64', which no map does"),
         (2**46 + 256, "<u8", "hits holds weights that are not counts"),
         (2**48, "<u8", "hits holds weights that are not counts"),
         (2**63, "<u8", "hits holds weights that are not counts"),

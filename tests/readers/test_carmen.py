@@ -248,5 +248,6 @@ def test_python_has_little_to_do_for_each_line_and_nothing_for_each_range(tmp_pa
         path = tmp_path / f"{lines}-{ranges}.log"
         path.write_text("".join(f"{scan_line([1.25] * ranges, i)}\n" for i in range(lines)))
         calls[lines, ranges] = calls_of_reading(path)
-    assert calls[100, 360] == calls[100, 180]
+    # Fewer where lines are longer: what a file is, its first bytes tell.
+    assert calls[100, 360] <= calls[100, 180]
     assert calls[100, 180] - calls[50, 180] < 50 * 60  # 39 calls a line
