@@ -9,7 +9,6 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.cell_index import cell_indices
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.kernels.units import FRACTION_BITS
 
 __all__ = ["floor_cells", "same_places", "units_at"]
 
@@ -52,39 +51,5 @@ def units_at(evidence: Evidence, index: npt.ArrayLike) -> tuple[IntArray, IntArr
     Raises:
         InputError: an index of another shape, or no whole numbers.
     """
-    d = evidence.ndim
-    cells = cell_indices(index, d)
-    store, side = evidence.tiles, evidence.tiles.side
-    units = np.zeros((len(cells), 2), np.int64)
-    slot = _find_rows(store.coords, cells // side)
-    found = np.flatnonzero(slot >= 0)
-    slot = slot[found]
-    within = np.ravel_multi_index(tuple((cells[found] % side).T[::-1]), (side,) * d)
-    votes = store.arrays.narrow[slot, :, within].astype(np.int64) << FRACTION_BITS
-    row = store.arrays.wide_of[slot]
-    votes[row >= 0] += store.arrays.wide[row[row >= 0], :, within[row >= 0]]
-    units[found] = votes
-    return units[:, 0], units[:, 1]
-
-
-def _find_rows(rows: IntArray, wanted: IntArray) -> IntArray:
-    """Where each row of `wanted` stands in `rows` (all different), -1 where it does not."""
-    if len(rows) == 0:
-        return np.full(len(wanted), -1, np.int64)
-    found = np.ones(len(wanted), np.bool_)
-    have, want = np.zeros(len(rows), np.int64), np.zeros(len(wanted), np.int64)
-    # One number for the axes so far, renumbered after each: it stays below len(rows)^2.
-    for axis in range(rows.shape[1]):
-        values, place = np.unique(rows[:, axis], return_inverse=True)
-        asked = _position(values, wanted[:, axis], found)
-        keys, have = np.unique(have * len(values) + place, return_inverse=True)
-        want = _position(keys, want * len(values) + asked, found)
-    slot = np.empty(len(rows), np.int64)
-    slot[have] = np.arange(len(rows))
-    return np.where(found, slot[want], -1)
-
-
-def _position(values: IntArray, wanted: IntArray, found: npt.NDArray[np.bool_]) -> IntArray:
-    at = np.minimum(np.searchsorted(values, wanted), len(values) - 1)
-    found &= values[at] == wanted
-    return at.astype(np.int64)
+    cells = cell_indices(index, evidence.ndim)
+    return evidence.tiles.at(cells)

@@ -23,6 +23,7 @@ from oddsmap.kernels.vote.tile_census import (
     list_cells,
     take_census,
 )
+from oddsmap.kernels.vote.tile_lookup import look_up
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
     TILE_COUNT,
@@ -268,6 +269,13 @@ class TileStore:
         begin, end = (lo - tile_lo * side)[::-1], (hi - tile_lo * side)[::-1]
         cut = tuple(slice(a, b) for a, b in zip(begin, end, strict=True))
         return full.reshape(2, *(span * side))[(slice(None), *cut)].copy()
+
+    def at(self, index: IntArray) -> tuple[IntArray, IntArray]:
+        """Units of hits and passes of single cells, shape (n,) each; index has shape (n, ndim)."""
+        hits, passes = np.empty((2, len(index)), np.int64)
+        key = np.zeros(self.ndim, np.int64)
+        look_up(self.arrays, self.side, np.ascontiguousarray(index), key, hits, passes)
+        return hits, passes
 
     def add_cells(self, index: IntArray, units: IntArray) -> None:
         """Add weights to single cells; errors as in `add`.
