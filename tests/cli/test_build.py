@@ -226,7 +226,7 @@ def test_a_failure_while_writing_keeps_the_old_map(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(TileStore, "region", full)
+    monkeypatch.setattr(TileStore, "counts_in", full)
     line = run("build", office, "--resolution", 0.1, "-o", out, "--force").line
     assert "No space left" in line
     assert folder_bytes(out) == before

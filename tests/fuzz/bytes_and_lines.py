@@ -3,13 +3,21 @@
 
 from __future__ import annotations
 
+import gzip
 import random
 import re
-from collections.abc import Callable
+import zlib
+from contextlib import suppress
 
-__all__ = ["HOSTILE_NUMBERS", "append_noise", "change_bytes", "change_text", "cut", "flip_bits"]
-
-Change = Callable[[random.Random, bytes], tuple[bytes, str]]
+__all__ = [
+    "HOSTILE_NUMBERS",
+    "append_noise",
+    "change_bytes",
+    "change_text",
+    "cut",
+    "cut_a_member",
+    "flip_bits",
+]
 
 HOSTILE_NUMBERS = (
     "1e999999", "9" * 5000, "-1", "nan", "-nan", "NaN", "inf", "-inf", "99999999999", "0",
@@ -35,6 +43,15 @@ def cut(rng: random.Random, content: bytes) -> tuple[bytes, str]:
     """The end is missing."""
     end = rng.randrange(len(content) + 1)
     return content[:end], f"cut at {end} of {len(content)}"
+
+
+def cut_a_member(rng: random.Random, content: bytes) -> tuple[bytes, str]:
+    """As `cut`, of gzip members, but never between two of them: what is left there is whole."""
+    left, what = cut(rng, content)
+    with suppress(OSError, EOFError, zlib.error):
+        gzip.decompress(left)
+        return left[:-1], f"{what}, less one"
+    return left, what
 
 
 def change_bytes(rng: random.Random, content: bytes) -> tuple[bytes, str]:

@@ -7,7 +7,7 @@ import random
 from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
-__all__ = ["Expected", "Files", "Mutant", "Mutator", "on_file"]
+__all__ = ["Change", "Expected", "Files", "Mutant", "Mutator", "on_file"]
 
 Files = Mapping[str, bytes]
 """A sample: content by path."""
@@ -25,11 +25,13 @@ class Mutant(NamedTuple):
 
 
 Mutator = Callable[[random.Random, Files], Mutant]
+Change = Callable[[random.Random, bytes], tuple[bytes, str]]
+"""What a mutator does to the bytes of one file; it says what."""
 
 
 def on_file(
     name: str,
-    change: Callable[[random.Random, bytes], tuple[bytes, str]],
+    change: Change,
     expected: Expected,
 ) -> Mutator:
     """A mutator of a sample from one of a file's bytes. A name that ends in * takes any such."""

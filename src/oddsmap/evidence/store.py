@@ -91,16 +91,13 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
             unit = ONE if census.whole_votes else 1
             # By name: Zarr knows one uint64.
             dtype = np.dtype(np.min_scalar_type(census.largest // unit).str)
-            arrays = [
+            for name, text in texts.items():
                 folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
-                for name, text in texts.items()
-            ]
             for begin in _shards_of(tiles, shard, lo, hi):
-                weights = tiles.region(begin, begin + shard)[channels]
-                at = (begin - first)[::-1]
-                where = tuple(slice(int(a), int(a) + shard) for a in at)
-                for array, units in zip(arrays, weights, strict=True):
-                    array[where] = (units // unit).astype(dtype)
+                place = tuple(((begin - first)[::-1] // shard).tolist())
+                weights = tiles.counts_in(begin, shard, unit, dtype)[channels]
+                for name, cells in zip(texts, weights, strict=True):
+                    folder.write(name, place, cells)
         folder.seal(_attributes(evidence, first, lo, hi))
 
 

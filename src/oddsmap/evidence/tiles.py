@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import ConfigError, MapTooLargeError
@@ -23,7 +24,7 @@ from oddsmap.kernels.vote.tile_census import (
     list_cells,
     take_census,
 )
-from oddsmap.kernels.vote.tile_lookup import look_up
+from oddsmap.kernels.vote.tile_lookup import gather_counts, look_up
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
     TILE_COUNT,
@@ -269,6 +270,28 @@ class TileStore:
         begin, end = (lo - tile_lo * side)[::-1], (hi - tile_lo * side)[::-1]
         cut = tuple(slice(a, b) for a, b in zip(begin, end, strict=True))
         return full.reshape(2, *(span * side))[(slice(None), *cut)].copy()
+
+    def counts_in(
+        self, begin: IntArray, side: int, unit: int, dtype: npt.DTypeLike
+    ) -> npt.NDArray[Any]:
+        """Weights of a cube or a square of cells as they are stored: hits, passes.
+
+        Args:
+            begin: its first cell, shape (ndim,), x first.
+            side: cells along its sides.
+            unit: units in one count; every weight is a multiple of it.
+            dtype: of unsigned integers that hold each count.
+
+        Returns:
+            Shape (2, side, side) or (2, side, side, side).
+        """
+        counts = np.zeros((2, *(side,) * self.ndim), dtype)
+        first, past = begin // self.side, -(-(begin + side) // self.side)
+        near = ((self.coords >= first) & (self.coords < past)).all(axis=1)
+        slots = np.flatnonzero(near)
+        shift = unit.bit_length() - 1
+        gather_counts(self.arrays, self.side, slots, begin, side, shift, counts.reshape(2, -1))
+        return counts
 
     def at(self, index: IntArray) -> tuple[IntArray, IntArray]:
         """Units of hits and passes of single cells, shape (n,) each; index has shape (n, ndim)."""

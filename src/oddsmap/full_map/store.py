@@ -83,18 +83,16 @@ def save_full_map(
     shape = tuple(int(n) for n in (hi - lo)[::-1])
     fills = _fills(full_map.config, d)
     with new_folder(Path(path), shape, force=force) as folder:
-        arrays = {
-            name: folder.create(name, dtype, fills[name], {"description": _TEXTS[name]})
-            for name, dtype in _TYPES.items()
-        }
+        for name, dtype in _TYPES.items():
+            folder.create(name, dtype, fills[name], {"description": _TEXTS[name]})
         cells: dict[str, npt.NDArray[Any]] = {"log_odds": full_map.values, "marks": full_map.marks}
         for place in np.unique(begin, axis=0):
             first = place * shard
             box = (first, first + shard)
-            where = tuple(slice(int(a), int(a) + shard) for a in (first - lo)[::-1])
-            for name, array in arrays.items():
+            where = tuple(((first - lo)[::-1] // shard).tolist())
+            for name, dtype in _TYPES.items():
                 value = dense_box(full_map.blocks, side, cells[name], fills[name], *box)
-                array[where] = value.astype(array.dtype)
+                folder.write(name, where, value.astype(dtype))
         folder.seal(
             {
                 "format": FULL_MAP,

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oddsmap.atomic_write import atomic_output, check_output
+from oddsmap.map_files.shard_bytes import pack_shard
 
 if TYPE_CHECKING:
     import numpy.typing as npt
-    import zarr
 
 __all__ = [
     "ARRAYS",
@@ -78,7 +78,7 @@ class NewFolder:
 
         self.path, self.shape = path, shape
         self.save = secrets.token_hex(16)
-        self._names: list[str] = []
+        self._fills: dict[str, float] = {}
         self._root = zarr.open_group(path, mode="w", zarr_format=3)
 
     def create(
@@ -87,13 +87,13 @@ class NewFolder:
         dtype: npt.DTypeLike,
         fill_value: float,
         attributes: Mapping[str, Any],
-    ) -> zarr.Array[Any]:
-        """Make an array; shards that are left empty are not written."""
+    ) -> None:
+        """Make an array, which is filled shard by shard."""
         from zarr.codecs import ZstdCodec
 
         d = len(self.shape)
-        self._names.append(name)
-        return self._root.create_array(
+        self._fills[name] = fill_value
+        self._root.create_array(
             name,
             shape=self.shape,
             chunks=(CHUNK[d],) * d,
@@ -105,13 +105,27 @@ class NewFolder:
             attributes={**attributes, "save": self.save},
         )
 
+    def write(self, name: str, place: tuple[int, ...], cells: npt.NDArray[Any]) -> None:
+        """Write a shard of an array; one that is empty has no file.
+
+        Args:
+            name: of the array.
+            place: of the shard, in shards, z before y before x.
+            cells: of the array's type, shape (side,) * d.
+        """
+        content = pack_shard(cells, CHUNK[cells.ndim], self._fills[name])
+        if content is not None:
+            file = self.path.joinpath(name, "c", *map(str, place))
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+
     def seal(self, attributes: Mapping[str, object]) -> None:
         """Write the group's attributes once all shards are written."""
         d = len(self.shape)
-        written = {name: shard_files(self.path, name, d) for name in self._names}
+        written = {name: shard_files(self.path, name, d) for name in self._fills}
         # As a reader will have them: a tuple is a list there.
         own = json.loads(json.dumps({**attributes, "shards": written, "save": self.save}))
-        arrays = {name: read_json(self.path / name / "zarr.json") for name in self._names}
+        arrays = {name: read_json(self.path / name / "zarr.json") for name in self._fills}
         self._root.attrs.update({**own, "digest": digest_of(own, arrays)})
 
 

@@ -4,15 +4,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import zarr
 from numcodecs.zstd import Zstd
+from zarr.codecs import ZstdCodec
 
 from oddsmap import load_map
 from oddsmap.errors import InputError
-from oddsmap.map_files.zarr_shards import _crc32c, _unpacked_bytes, unpack_shard
+from oddsmap.map_files.shard_bytes import _crc32c, _unpacked_bytes, pack_shard, unpack_shard
 from tests.saved_maps_kit import KINDS
 
 CHUNKS = 64
@@ -86,3 +88,34 @@ def test_a_file_outside_the_map(shard: Path) -> None:
     (shard.parent / "7").write_bytes(shard.read_bytes())
     with pytest.raises(InputError, match=r"a file of shard \(0, 7\) lies outside the map"):
         load_map(shard.parents[3])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("kind", ["u1", "u2", "<u8", "f4"])
+@pytest.mark.parametrize("fill", [0, 3])
+def test_what_is_packed_is_unpacked_and_read_by_zarr(
+    d: int, kind: str, fill: int, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(d)
+    cells = np.full((64,) * d, fill, kind)
+    cells[(slice(0, 20),) * d] = rng.integers(0, 200, (20,) * d)
+    cells[(slice(33, 34),) * d] = fill + 1
+    content = pack_shard(cells, 16, fill)
+    assert content is not None
+    again = np.full_like(cells, fill)
+    unpack_shard(content, again, 16, "a")
+    np.testing.assert_array_equal(again, cells)
+    array: Any = zarr.create_array(
+        tmp_path / "a.zarr", shape=cells.shape, chunks=(16,) * d, shards=(64,) * d, dtype=kind,
+        fill_value=fill, compressors=ZstdCodec(checksum=True),
+    )  # fmt: skip
+    file = (tmp_path / "a.zarr").joinpath("c", *"0" * d)
+    array[...] = cells
+    # The same frames as Zarr's own, which lie in another order.
+    assert file.stat().st_size == len(content)
+    file.write_bytes(content)
+    np.testing.assert_array_equal(zarr.open_array(tmp_path / "a.zarr", mode="r")[...], cells)
+
+
+def test_a_shard_of_nothing_is_no_file() -> None:
+    assert pack_shard(np.full((64, 64), 7, np.uint8), 16, 7) is None
