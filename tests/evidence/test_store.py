@@ -215,13 +215,13 @@ def test_a_box_reads_its_shards_alone(tmp_path: Path, monkeypatch: pytest.Monkey
     evidence = a_map(votes)
     evidence.save(path)
     read: list[list[int]] = []
-    real = store._add_shard
+    real = TileStore.fill_counts
 
-    def spy(*args: Any) -> None:
-        read.append(args[2].tolist())
-        real(*args)
+    def spy(self: TileStore, begin: Any, *rest: Any) -> None:
+        read.append(begin.tolist())
+        real(self, begin, *rest)
 
-    monkeypatch.setattr(store, "_add_shard", spy)
+    monkeypatch.setattr(TileStore, "fill_counts", spy)
     part = load_map(path, lo=(1000, 1000), hi=(1501, 1024))
     assert votes_of(part) == {(1500, 1023): (ONE, 1500 * ONE)}
     assert read == [[0, 0], [1024, 0]]

@@ -177,8 +177,11 @@ def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -
                 continue
             if hi is not None and (begin >= hi).any():
                 continue
-            weights = [_units(shards.read(name, place), header, name) for name in names]
-            _add_shard(tiles, weights, begin)
+            weights = [_checked(shards.read(name, place), header, name) for name in names]
+            if len(weights) == 1:  # lengths are stored in place of passes
+                weights = [np.zeros_like(weights[0]), *weights]
+            unit = _unit_of(header.arrays[names[0]].attributes, names[0])
+            tiles.fill_counts(begin, unit, np.stack(weights))
     return evidence
 
 
@@ -236,23 +239,8 @@ def _unit_of(attributes: Mapping[str, Any], name: str) -> int:
     return round(float(unit) * ONE)
 
 
-def _units(stored: npt.NDArray[Any], header: Header, name: str) -> IntArray:
+def _checked(stored: npt.NDArray[Any], header: Header, name: str) -> npt.NDArray[Any]:
     unit = _unit_of(header.arrays[name].attributes, name)
     if stored.max() > HEAVIEST // unit:
         raise ValueError(f"{name} holds weights that are not counts of 0 to 2^46 votes")
-    return stored.astype(np.int64) * unit
-
-
-def _add_shard(tiles: TileStore, weights: list[IntArray], begin: IntArray) -> None:
-    """Fill the tiles of a shard that begins at a cell with what is stored of it."""
-    d, side = tiles.ndim, tiles.side
-    if len(weights) == 1:  # lengths are stored in place of passes
-        weights = [np.zeros_like(weights[0]), *weights]
-    # Seen as tiles: (ty, side, tx, side) becomes (ty, tx, side, side), one row per tile.
-    count = SHARD[d] // side
-    blocks = np.stack(weights).reshape(2, *(count, side) * d)
-    order = [1 + 2 * axis for axis in range(d)] + [0] + [2 + 2 * axis for axis in range(d)]
-    units = blocks.transpose(order).reshape(count**d, 2, side**d)
-    used = np.flatnonzero(units.any(axis=(1, 2)))
-    coords = np.stack(np.unravel_index(used, (count,) * d)[::-1], axis=1) + begin // side
-    tiles.fill(coords, units[used])
+    return stored

@@ -24,9 +24,11 @@ from oddsmap.kernels.vote.tile_census import (
     list_cells,
     take_census,
 )
+from oddsmap.kernels.vote.tile_filling import fill_tiles, tiles_in
 from oddsmap.kernels.vote.tile_lookup import gather_counts, look_up
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
+    NARROW_MAX,
     TILE_COUNT,
     WIDE_COUNT,
     TileArrays,
@@ -292,6 +294,29 @@ class TileStore:
         shift = unit.bit_length() - 1
         gather_counts(self.arrays, self.side, slots, begin, side, shift, counts.reshape(2, -1))
         return counts
+
+    def fill_counts(self, begin: IntArray, unit: int, counts: npt.NDArray[Any]) -> None:
+        """Make the tiles of a square or a cube of cells that has none yet: `counts_in` undone.
+
+        Args:
+            begin: its first cell, a multiple of a tile's side, shape (ndim,), x first.
+            unit: units in one count.
+            counts: hits and passes of unsigned integers, shape (2, side, side) or
+                (2, side, side, side), side a multiple of a tile's.
+
+        Raises:
+            MapTooLargeError: no memory for the tiles; nothing has been added.
+        """
+        width, shift = counts.shape[1], unit.bit_length() - 1
+        flat = counts.reshape(2, -1)
+        most = np.empty((width // self.side) ** self.ndim, np.int64)
+        tiles_in(flat, width, self.side, self.ndim == 3, most)
+        some = most != 0
+        narrow = (most <= NARROW_MAX) if unit == 1 << FRACTION_BITS else np.zeros_like(some)
+        self.reserve(int(some.sum()), int((some & ~narrow).sum()))
+        key = np.zeros(self.ndim, np.int64)
+        first = begin // self.side
+        fill_tiles(self.arrays, self.side, flat, width, shift, first, most, key)
 
     def at(self, index: IntArray) -> tuple[IntArray, IntArray]:
         """Units of hits and passes of single cells, shape (n,) each; index has shape (n, ndim)."""
