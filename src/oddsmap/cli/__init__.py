@@ -20,5 +20,6 @@ def main() -> None:
 
             run()
     except KeyboardInterrupt:
+        # Plain print: Typer may not have been imported yet.
         print(f"oddsmap: {INTERRUPTED}", file=sys.stderr)  # noqa: T201
         sys.exit(130)

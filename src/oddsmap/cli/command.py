@@ -22,6 +22,7 @@ class Command(TyperCommand):
         """Fill in `{sensors}` and `{formats}`: they are asked for when a page needs them."""
         self.help = _filled(self.help)
         for parameter in self.params:
+            # Click's base class of parameters has no help; options and arguments of Typer do.
             parameter.help = _filled(getattr(parameter, "help", None))  # type: ignore[attr-defined]
         super().format_help(ctx, formatter)
 

@@ -105,8 +105,14 @@ def _default_of(field: SettingField) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    marks = {"initial_indent": "# ", "subsequent_indent": "# ", "width": _WIDTH}
-    return textwrap.wrap(text, break_on_hyphens=False, break_long_words=False, **marks)  # type: ignore[arg-type]
+    return textwrap.wrap(
+        text,
+        _WIDTH,
+        initial_indent="# ",
+        subsequent_indent="# ",
+        break_on_hyphens=False,
+        break_long_words=False,
+    )
 
 
 def _toml(value: Any) -> str:

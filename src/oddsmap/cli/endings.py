@@ -66,6 +66,7 @@ def _in_one_line(
     line: str | None = None,
 ) -> None:
     if issubclass(category, RecoveryWarning):
+        # Plain print, as the function that this one stands for does.
         print(f"oddsmap: {message}", file=sys.stderr)  # noqa: T201
     else:
         _shown(message, category, filename, lineno, file, line)

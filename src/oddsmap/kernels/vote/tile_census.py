@@ -51,7 +51,7 @@ def take_census(tiles: TileArrays, side: int, lo: IntArray, hi: IntArray, totals
         narrow = tiles.narrow[slot]
         known, hits, passes = np.int64(0), np.int64(0), np.int64(0)
         if row < 0:
-            # Bytes, 3 ns a tile of 512 cells each: this loop vectorises.
+            # Bytes, as most tiles have: 0.26 us for one of 512 cells.
             largest = np.uint8(0)
             for cell in range(narrow.shape[1]):
                 h, p = narrow[HITS, np.uint64(cell)], narrow[PASSES, np.uint64(cell)]
