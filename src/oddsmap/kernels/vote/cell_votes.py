@@ -2,7 +2,7 @@
 """Weights of single cells, 2D or 3D, gathered scan by scan.
 
 For sensors that list the cells of a reading themselves (a cone, a camera that sees the
-cells): what the rays of `rays2d.py` and `rays3d.py` do not have to list, because it is
+cells): what the kernels of rays do not have to list, because it is
 implied. The window is `rays3d.py`'s: a table of blocks, memory where a block is touched.
 """
 
