@@ -26,6 +26,9 @@ import tempfile
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
+
+Row = dict[str, Any]
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "src"
@@ -157,14 +160,14 @@ def check_threads(tree: Tree, case: Case, work: Path) -> None:
         raise SystemExit(f"{case.name}: one and two threads differ")
 
 
-def against_octomap(tree: Tree, cases: list[Case], work: Path, rounds: int) -> list[dict]:
+def against_octomap(tree: Tree, cases: list[Case], work: Path, rounds: int) -> list[Row]:
     """Both from the same files; OctoMap once, as it takes a minute, we `rounds` times."""
     rows = []
     for case in cases:
         check_threads(tree, case, work)
         out = work / "map.zarr"
         ours = best([tree.run(build(tree, case, out)) for _ in range(rounds)])
-        row = {"case": case.name, "resolution": case.resolution, "oddsmap": asdict(ours)}
+        row: Row = {"case": case.name, "resolution": case.resolution, "oddsmap": asdict(ours)}
         row["bytes"] = size_of(out)
         row["floor"] = asdict(floor(case, row["bytes"], work / "bytes"))
         for name, more in (("OctoMap", []), ("OctoMap, fast", ["--fast"])):
@@ -181,11 +184,11 @@ def against_octomap(tree: Tree, cases: list[Case], work: Path, rounds: int) -> l
 # ---- every command -----------------------------------------------------------------------------
 
 
-def every_command(trees: list[Tree], cases: list[Case], work: Path, rounds: int) -> list[dict]:
+def every_command(trees: list[Tree], cases: list[Case], work: Path, rounds: int) -> list[Row]:
     """Build, info, exports and loading of each case, by each tree."""
     rows = []
     for case in cases:
-        jobs = [("build", None), ("info", None), ("load", None)]
+        jobs: list[tuple[str, str | None]] = [("build", None), ("info", None), ("load", None)]
         flat = case.poses is None and case.log.is_file()
         suffixes = ("png", "yaml", "npz") if flat else ("bt", "ot", "ply", "npz")
         jobs += [("export", suffix) for suffix in suffixes]
@@ -204,14 +207,14 @@ def every_command(trees: list[Tree], cases: list[Case], work: Path, rounds: int)
                     }[what]
                     costs[tree.name].append(tree.run(words))
             job = f"{what} .{suffix}" if suffix else what
-            row = {"case": case.name, "resolution": case.resolution, "job": job}
+            row: Row = {"case": case.name, "resolution": case.resolution, "job": job}
             row |= {tree.name: asdict(best(costs[tree.name])) for tree in trees}
             rows.append(row)
             print(f"{case.name} {case.resolution:g} m, {job}: {_words(row, trees)}", flush=True)
     return rows
 
 
-def _words(row: dict, trees: list[Tree]) -> str:
+def _words(row: Row, trees: list[Tree]) -> str:
     costs = (row[tree.name] for tree in trees)
     return " -> ".join(
         f"{cost['cpu_s']:.2f} s CPU, {cost['wall_s']:.2f} s, {cost['peak_mb']:.0f} MB"
@@ -235,7 +238,7 @@ def main() -> None:
         raise SystemExit(f"SKIPPED: no logs at {data}: give --data DIR")
     rounds = 1 if options.quick else options.rounds
     parts = options.part or ["octomap", "commands"]
-    report: dict = {"machine": f"{platform.processor()}, {os.cpu_count()} cores"}
+    report: dict[str, Any] = {"machine": f"{platform.processor()}, {os.cpu_count()} cores"}
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         tree = Tree("oddsmap", SOURCE, sys.executable)
