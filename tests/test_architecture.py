@@ -112,7 +112,7 @@ FLOORS = (
     ("kernels",),
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-KERNEL_FLOORS = (("vote", "infer"), ("trace", "octree", "decimals"), ("units", "jit"))
+KERNEL_FLOORS = (("vote", "infer"), ("trace", "octree", "decimals", "lzf"), ("units", "jit"))
 KERNEL_FLOOR_OF = {room: floor for floor, rooms in enumerate(KERNEL_FLOORS) for room in rooms}
 
 
