@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import errno
+import mmap
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -252,13 +254,13 @@ def test_an_absurd_reading_is_refused_before_anything_is_done(reading: float) ->
 
 
 def test_no_memory_for_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none_left(*_: object) -> None:
-        raise MemoryError
+    def none_left(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOMEM, "Cannot allocate memory")
 
     evidence = EvidenceMap(0.05, ndim=3)
     add_scans(evidence, [cloud((1.0, 2.0, 3.0), at=(0.0, 0.0, 0.0))])  # compiles
     before, window = votes_of(evidence), BlockWindow(1, np.uint8, 3)
-    monkeypatch.setattr(np, "zeros", none_left)
+    monkeypatch.setattr(mmap, "mmap", none_left)
     with pytest.raises(MapTooLargeError, match=r"no memory for the 4\.0e\+06 blocks"):
         window.open(4_000_000)
     monkeypatch.undo()

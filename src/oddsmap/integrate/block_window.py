@@ -6,6 +6,7 @@ The window around a scan is a table of blocks; a block gets memory when it is fi
 
 from __future__ import annotations
 
+import mmap
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -44,7 +45,7 @@ class BlockWindow:
         """
         if len(self.table) < blocks:
             with _memory_for(blocks, 4 * blocks):
-                self.table = np.zeros(blocks, np.int32)
+                self.table = _sparse_zeros(blocks)
 
     def grow(self, more: int) -> None:
         """Make room for twice as many blocks to be touched, and `more`.
@@ -55,14 +56,29 @@ class BlockWindow:
         before = len(self.used)
         blocks = 2 * before + more
         cells = blocks << (3 * self._bits)
-        channels, held = self.cells.shape
+        channels = len(self.cells)
+        # Only what was touched: the rest of what is held takes no memory yet, and shall not.
+        touched = min((int(self.used[0]) + 1) << (3 * self._bits), self.cells.shape[1])
         with _memory_for(blocks, cells * channels * self.cells.itemsize):
             # np.zeros takes address space; memory only where a block is touched.
             used = np.zeros(blocks, np.int64)
             used[:before] = self.used
             grown = np.zeros((channels, cells), self.cells.dtype)
-            grown[:, :held] = self.cells
+            grown[:, :touched] = self.cells[:, :touched]
         self.used, self.cells = used, grown
+
+
+def _sparse_zeros(count: int) -> npt.NDArray[np.int32]:
+    """Zeros of which a few are used here and there, and only these take memory.
+
+    Not np.zeros: NumPy asks for huge pages, each of which is taken whole. With two threads that
+    were 240 of 880 MB for ten scans that see 245 m at 0.05 m.
+    """
+    try:
+        pages = mmap.mmap(-1, 4 * count, access=mmap.ACCESS_COPY)
+    except OSError as error:
+        raise MemoryError from error
+    return np.frombuffer(pages, np.int32)
 
 
 def _memory_for(blocks: int, size: int) -> AbstractContextManager[None]:
