@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,17 +23,28 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
-from oddsmap.cell_index import indices_in
+from oddsmap.cell_index import cell_box, indices_in
 from oddsmap.config.config import Config
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
+from oddsmap.evidence.tile_counts import append_counts, counts_of, retiled
 from oddsmap.evidence.tiles import HEAVIEST, TileStore
 from oddsmap.kernels.units import ONE, PASSES
+from oddsmap.limits import TILE_SIDE
+from oddsmap.map_files.chunk_blocks import (
+    ShardBlocks,
+    block_coords,
+    blocks_by_shard,
+    blocks_from_chunks,
+)
+from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import (
+    CHUNK,
     EVIDENCE_MAP,
     FORMAT_VERSION,
     FULL_MAP,
     SHARD,
+    NewFolder,
     format_of,
     new_folder,
 )
@@ -45,7 +55,7 @@ from oddsmap.map_files.zarr_header import (
     read_header,
     whole_numbers,
 )
-from oddsmap.map_files.zarr_shards import SavedShards
+from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
 from oddsmap.map_files.zarr_snapshot import read_unchanged, settled
 
 __all__ = ["is_map", "read_map", "save_map"]
@@ -78,27 +88,45 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
     """
     d = evidence.ndim
     shard = SHARD[d]
-    bounds = evidence.bounds()
-    lo, hi = bounds if bounds is not None else (np.zeros(d, np.int64), np.ones(d, np.int64))
-    first = lo // shard * shard
-    shape = tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
-    stored: list[tuple[TileStore, slice, dict[str, str]]] = [(evidence.tiles, slice(0, 2), _VOTES)]
+    stored = [(evidence.tiles, slice(0, 2), _VOTES)]
     if evidence.lengths is not None:
         stored.append((evidence.lengths, slice(PASSES, PASSES + 1), _LENGTHS))
+    lo, hi = evidence.bounds() or (np.zeros(d, np.int64), np.ones(d, np.int64))
+    first = lo // shard * shard
+    shape = tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
     with new_folder(Path(path), shape, force=force) as folder:
         for tiles, channels, texts in stored:
-            census = tiles.census()
-            unit = ONE if census.whole_votes else 1
-            # By name: Zarr knows one uint64.
-            dtype = np.dtype(np.min_scalar_type(census.largest // unit).str)
-            for name, text in texts.items():
-                folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
-            for begin in _shards_of(tiles, shard, lo, hi):
-                place = tuple(((begin - first)[::-1] // shard).tolist())
-                weights = tiles.counts_in(begin, shard, unit, dtype)[channels]
-                for name, cells in zip(texts, weights, strict=True):
-                    folder.write(name, place, cells)
+            _write(folder, tiles, channels, texts, first // shard)
         folder.seal(_attributes(evidence, first, lo, hi))
+
+
+def _write(
+    folder: NewFolder,
+    tiles: TileStore,
+    channels: slice,
+    texts: Mapping[str, str],
+    first_place: IntArray,
+) -> None:
+    """Write one or both kinds of weights of tiles."""
+    census = tiles.census()
+    unit = ONE if census.whole_votes else 1
+    # By name: Zarr knows one uint64.
+    dtype = np.dtype(np.min_scalar_type(census.largest // unit).str)
+    for name, text in texts.items():
+        folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
+    # Only a caller's own tiles reach over a chunk.
+    fitting = (
+        tiles if CHUNK[tiles.ndim] % tiles.side == 0 else retiled(tiles, TILE_SIDE[tiles.ndim])
+    )
+
+    def write(shard: ShardBlocks) -> None:
+        place = tuple((shard.place - first_place)[::-1].tolist())
+        counts = counts_of(fitting, shard.blocks, unit, dtype)
+        for name, channel in zip(texts, range(*channels.indices(2)), strict=True):
+            cells = shard.to_chunks(np.ascontiguousarray(counts[:, channel]), fitting.side)
+            folder.write(name, place, shard.numbers, cells)
+
+    do_side_by_side(write, blocks_by_shard(fitting.coords, fitting.side))
 
 
 def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray) -> dict[str, Any]:
@@ -116,19 +144,6 @@ def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray)
     }
 
 
-def _shards_of(tiles: TileStore, shard: int, lo: IntArray, hi: IntArray) -> IntArray:
-    # Every shard that a tile reaches into (a tile's side need not divide a shard's) and that has
-    # known cells.
-    side, d = tiles.side, tiles.ndim
-    reach = np.array(list(product((*range(0, side, shard), side - 1), repeat=d)))
-    found = [
-        np.unique((coords[:, None] * side + reach).reshape(-1, d) // shard, axis=0)
-        for coords, _ in tiles.chunks()
-    ]
-    begin = np.unique(np.concatenate([np.empty((0, d), np.int64), *found]), axis=0) * shard
-    return begin[((begin + shard > lo) & (begin < hi)).all(axis=1)]
-
-
 def read_map(
     path: str | os.PathLike[str],
     kind: type[E],
@@ -139,15 +154,7 @@ def read_map(
     """Read evidence that `save_map` wrote, as that class: see `oddsmap.load_map`."""
     box_lo = indices_in(lo) if lo is not None else None
     box_hi = indices_in(hi) if hi is not None else None
-    evidence = read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
-    if box_lo is not None or box_hi is not None:
-        nothing = np.zeros(evidence.ndim, np.int64)
-        low, high = evidence.bounds() or (nothing, nothing)
-        # An open side lies where the cells end, or at the other side where there are none.
-        if box_lo is None:
-            box_lo = low if box_hi is None else np.minimum(low, box_hi)
-        evidence = evidence.crop(box_lo, np.maximum(high, box_lo) if box_hi is None else box_hi)
-    return evidence
+    return read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
 
 
 def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -> E:
@@ -166,23 +173,43 @@ def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -
     d = evidence.ndim
     if any(box is not None and box.shape != (d,) for box in (lo, hi)):
         raise InputError(f"{path}: a box needs {d} indices each, got lo {lo} and hi {hi}")
+    if lo is not None and hi is not None:
+        cell_box(lo, hi, d)
     stored = [(evidence.tiles, tuple(_VOTES))]
     if evidence.lengths is not None:
         stored.append((evidence.lengths, tuple(_LENGTHS)))
     shards = SavedShards(path, header)
     for tiles, names in stored:
-        for place in shards.places(names):
-            begin = np.array(place[::-1], np.int64) * SHARD[d] + header.origin_cell
-            if lo is not None and (begin + SHARD[d] <= lo).any():
-                continue
-            if hi is not None and (begin >= hi).any():
-                continue
-            weights = [_checked(shards.read(name, place), header, name) for name in names]
-            if len(weights) == 1:  # lengths are stored in place of passes
-                weights = [np.zeros_like(weights[0]), *weights]
-            unit = _unit_of(header.arrays[names[0]].attributes, names[0])
-            tiles.fill_counts(begin, unit, np.stack(weights))
+        unit = _unit_of(header.arrays[names[0]].attributes, names[0])
+        with shards.read_all(names, lo, hi) as found:
+            for chunks in found:
+                for cells, name in zip(chunks.cells, names, strict=True):
+                    _check_counts(cells, unit, name)
+                if lo is not None or hi is not None:
+                    _cut(chunks, lo, hi)
+                blocks = [blocks_from_chunks(cells, tiles.side, d) for cells in chunks.cells]
+                if len(blocks) == 1:  # lengths are stored in place of passes
+                    blocks = [np.zeros_like(blocks[0]), *blocks]
+                append_counts(tiles, block_coords(chunks.first, tiles.side), *blocks, unit)
     return evidence
+
+
+def _cut(chunks: SavedChunks, lo: IntArray | None, hi: IntArray | None) -> None:
+    """Leave no weight outside a box."""
+    d = chunks.first.shape[1]
+    inside = np.ones((len(chunks.first), d, CHUNK[d]), np.bool_)
+    along = chunks.first[:, :, None] + np.arange(CHUNK[d])
+    if lo is not None:
+        inside &= along >= lo[:, None]
+    if hi is not None:
+        inside &= along < hi[:, None]
+    for row in np.flatnonzero(~inside.all(axis=(1, 2))):
+        for cells in chunks.cells:
+            box = cells[row].reshape((CHUNK[d],) * d)
+            for axis in range(d):
+                outside = [slice(None)] * d
+                outside[d - 1 - axis] = ~inside[row, axis]
+                box[tuple(outside)] = 0
 
 
 def _empty_map(path: Path, kind: type[E], header: Header) -> E:
@@ -239,8 +266,7 @@ def _unit_of(attributes: Mapping[str, Any], name: str) -> int:
     return round(float(unit) * ONE)
 
 
-def _checked(stored: npt.NDArray[Any], header: Header, name: str) -> npt.NDArray[Any]:
-    unit = _unit_of(header.arrays[name].attributes, name)
-    if stored.max() > HEAVIEST // unit:
+def _check_counts(cells: npt.NDArray[Any], unit: int, name: str) -> None:
+    most = HEAVIEST // unit
+    if np.iinfo(cells.dtype).max > most and cells.max(initial=0) > most:
         raise ValueError(f"{name} holds weights that are not counts of 0 to 2^46 votes")
-    return stored

@@ -23,6 +23,8 @@ from oddsmap.map_files.shard_bytes import pack_shard
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from oddsmap.array_types import IntArray
+
 __all__ = [
     "ARRAYS",
     "CHUNK",
@@ -105,15 +107,21 @@ class NewFolder:
             attributes={**attributes, "save": self.save},
         )
 
-    def write(self, name: str, place: tuple[int, ...], cells: npt.NDArray[Any]) -> None:
-        """Write a shard of an array; one that is empty has no file.
+    def write(
+        self, name: str, place: tuple[int, ...], numbers: IntArray, chunks: npt.NDArray[Any]
+    ) -> None:
+        """Write a shard of an array; one that is empty has no file. Threads may write several.
 
         Args:
             name: of the array.
             place: of the shard, in shards, z before y before x.
-            cells: of the array's type, shape (side,) * d.
+            numbers: of its chunks that may hold something, in ascending order, x fastest, shape
+                (n,).
+            chunks: their cells, of the array's type, shape (n, chunk^d), x fastest.
         """
-        content = pack_shard(cells, CHUNK[cells.ndim], self._fills[name])
+        d = len(self.shape)
+        count = (SHARD[d] // CHUNK[d]) ** d
+        content = pack_shard(numbers, chunks, count, self._fills[name])
         if content is not None:
             file = self.path.joinpath(name, "c", *map(str, place))
             file.parent.mkdir(parents=True, exist_ok=True)
