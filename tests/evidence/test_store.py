@@ -272,7 +272,8 @@ def test_a_box_is_what_a_crop_is(
     index = np.unique(rng.integers(-200, 200, (300, d)), axis=0)
     evidence.add_cells(index, *rng.integers(0, 1 << 20, (2, len(index))))
     if evidence.lengths is not None:
-        evidence.lengths.add_cells(index, rng.integers(0, 1 << 20, (len(index), 2)) * [0, 1])
+        along = np.array([0, 1]) * rng.integers(0, 1 << 20, (len(index), 1))
+        evidence.lengths.add_cells(index, along)
     path = tmp_path_factory.mktemp("boxes") / "a.zarr"
     evidence.save(path)
     lo, hi = np.sort(rng.integers(-250, 250, (2, d)), axis=0)

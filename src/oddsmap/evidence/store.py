@@ -28,7 +28,7 @@ from oddsmap.config.config import Config
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tile_counts import append_counts, counts_of, retiled
-from oddsmap.evidence.tiles import HEAVIEST, TileStore
+from oddsmap.evidence.tiles import HEAVIEST, Census, TileStore
 from oddsmap.kernels.units import ONE, PASSES
 from oddsmap.limits import TILE_SIDE
 from oddsmap.map_files.chunk_blocks import (
@@ -36,6 +36,8 @@ from oddsmap.map_files.chunk_blocks import (
     block_coords,
     blocks_by_shard,
     blocks_from_chunks,
+    clear_outside,
+    used_blocks,
 )
 from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import (
@@ -91,12 +93,16 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
     stored = [(evidence.tiles, slice(0, 2), _VOTES)]
     if evidence.lengths is not None:
         stored.append((evidence.lengths, slice(PASSES, PASSES + 1), _LENGTHS))
-    lo, hi = evidence.bounds() or (np.zeros(d, np.int64), np.ones(d, np.int64))
+    censuses = [tiles.census() for tiles, _, _ in stored]
+    boxes = [census.bounds for census in censuses if census.bounds is not None]
+    boxes = boxes or [(np.zeros(d, np.int64), np.ones(d, np.int64))]
+    lo = np.min([first for first, _ in boxes], axis=0)
+    hi = np.max([past for _, past in boxes], axis=0)
     first = lo // shard * shard
     shape = tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
     with new_folder(Path(path), shape, force=force) as folder:
-        for tiles, channels, texts in stored:
-            _write(folder, tiles, channels, texts, first // shard)
+        for (tiles, channels, texts), census in zip(stored, censuses, strict=True):
+            _write(folder, tiles, channels, texts, census, first // shard)
         folder.seal(_attributes(evidence, first, lo, hi))
 
 
@@ -105,10 +111,10 @@ def _write(
     tiles: TileStore,
     channels: slice,
     texts: Mapping[str, str],
+    census: Census,
     first_place: IntArray,
 ) -> None:
     """Write one or both kinds of weights of tiles."""
-    census = tiles.census()
     unit = ONE if census.whole_votes else 1
     # By name: Zarr knows one uint64.
     dtype = np.dtype(np.min_scalar_type(census.largest // unit).str)
@@ -170,7 +176,7 @@ def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -
         )
     header = read_header(path, EVIDENCE_MAP)
     evidence = _empty_map(path, kind, header)
-    d = evidence.ndim
+    d, side = evidence.ndim, evidence.tiles.side
     if any(box is not None and box.shape != (d,) for box in (lo, hi)):
         raise InputError(f"{path}: a box needs {d} indices each, got lo {lo} and hi {hi}")
     if lo is not None and hi is not None:
@@ -181,35 +187,25 @@ def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -
     shards = SavedShards(path, header)
     for tiles, names in stored:
         unit = _unit_of(header.arrays[names[0]].attributes, names[0])
-        with shards.read_all(names, lo, hi) as found:
-            for chunks in found:
-                for cells, name in zip(chunks.cells, names, strict=True):
-                    _check_counts(cells, unit, name)
+
+        def tiles_of(
+            chunks: SavedChunks, names: tuple[str, ...] = names, unit: int = unit
+        ) -> tuple[IntArray, npt.NDArray[Any], npt.NDArray[Any]]:
+            for cells, name in zip(chunks.cells, names, strict=True):
+                _check_counts(cells, unit, name)
                 if lo is not None or hi is not None:
-                    _cut(chunks, lo, hi)
-                blocks = [blocks_from_chunks(cells, tiles.side, d) for cells in chunks.cells]
-                if len(blocks) == 1:  # lengths are stored in place of passes
-                    blocks = [np.zeros_like(blocks[0]), *blocks]
-                append_counts(tiles, block_coords(chunks.first, tiles.side), *blocks, unit)
+                    clear_outside(chunks.first, cells, lo, hi)
+            used = np.any([used_blocks(cells, side, d) for cells in chunks.cells], axis=0)
+            some = np.flatnonzero(used)
+            counts = [blocks_from_chunks(cells, side, d, some) for cells in chunks.cells]
+            # Lengths are stored in place of passes.
+            hits, passes = counts if len(counts) == 2 else (np.zeros_like(counts[0]), counts[0])
+            return block_coords(chunks.first, side, some), hits, passes
+
+        with shards.read_all(names, tiles_of, lo, hi) as found:
+            for coords, hits, passes in found:
+                append_counts(tiles, coords, hits, passes, unit)
     return evidence
-
-
-def _cut(chunks: SavedChunks, lo: IntArray | None, hi: IntArray | None) -> None:
-    """Leave no weight outside a box."""
-    d = chunks.first.shape[1]
-    inside = np.ones((len(chunks.first), d, CHUNK[d]), np.bool_)
-    along = chunks.first[:, :, None] + np.arange(CHUNK[d])
-    if lo is not None:
-        inside &= along >= lo[:, None]
-    if hi is not None:
-        inside &= along < hi[:, None]
-    for row in np.flatnonzero(~inside.all(axis=(1, 2))):
-        for cells in chunks.cells:
-            box = cells[row].reshape((CHUNK[d],) * d)
-            for axis in range(d):
-                outside = [slice(None)] * d
-                outside[d - 1 - axis] = ~inside[row, axis]
-                box[tuple(outside)] = 0
 
 
 def _empty_map(path: Path, kind: type[E], header: Header) -> E:

@@ -11,7 +11,14 @@ import numpy.typing as npt
 from oddsmap.array_types import IntArray
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.units import FRACTION_BITS, HITS, ONE, PASSES
-from oddsmap.kernels.vote.tiles import ANY_FULL, NARROW_MAX, TILE_COUNT, WIDE_COUNT, enter
+from oddsmap.kernels.vote.tiles import (
+    ANY_FULL,
+    NARROW_MAX,
+    TILE_COUNT,
+    WIDE_COUNT,
+    TileArrays,
+    enter,
+)
 
 __all__ = ["append_counts", "counts_of", "retiled"]
 
@@ -47,7 +54,7 @@ def append_counts(
     passes: npt.NDArray[Any],
     unit: int,
 ) -> None:
-    """Make tiles of counts: `counts_of` undone. Tiles without a weight are not made.
+    """Make tiles of counts: `counts_of` undone.
 
     Args:
         tiles: has none of them yet.
@@ -60,32 +67,39 @@ def append_counts(
         MapTooLargeError: no memory for the tiles; nothing has been added.
     """
     largest = np.maximum(hits.max(axis=1), passes.max(axis=1))
-    some = np.flatnonzero(largest)
-    if len(some) == 0:
-        return
-    is_wide = (largest[some] > NARROW_MAX) | (unit != ONE)
-    first, first_row = tiles.count, int(tiles.arrays.counts[WIDE_COUNT])
+    is_wide = (largest > NARROW_MAX) | (unit != ONE)
     rows = int(is_wide.sum())
-    tiles.reserve(len(some), rows)
-    arrays = tiles.arrays
-    slots = np.arange(first, first + len(some))
-    arrays.coords[slots] = coords[some]
-    arrays.wide_of[slots] = -1
-    narrow, of_narrow = slots[~is_wide], some[~is_wide]
-    arrays.narrow[narrow, HITS] = hits[of_narrow]
-    arrays.narrow[narrow, PASSES] = passes[of_narrow]
-    arrays.load[narrow] = largest[of_narrow]
-    if rows:
-        wide, of_wide = np.arange(first_row, first_row + rows), some[is_wide]
-        arrays.wide_of[slots[is_wide]] = wide
-        shift = unit.bit_length() - 1
-        arrays.wide[wide, HITS] = hits[of_wide].astype(np.int64) << shift
-        arrays.wide[wide, PASSES] = passes[of_wide].astype(np.int64) << shift
+    tiles.reserve(len(coords), rows)
+    arrays, first, first_row = tiles.arrays, tiles.count, int(tiles.arrays.counts[WIDE_COUNT])
+    new = slice(first, first + len(coords))
+    arrays.coords[new] = coords
+    arrays.wide_of[new] = -1
+    if rows == 0:
+        _set_narrow(arrays, new, hits, passes, largest)
+    else:
+        in_bytes = np.flatnonzero(~is_wide)
+        _set_narrow(arrays, first + in_bytes, hits[in_bytes], passes[in_bytes], largest[in_bytes])
+        wide, shift = slice(first_row, first_row + rows), unit.bit_length() - 1
+        arrays.wide_of[new][is_wide] = np.arange(first_row, first_row + rows)
+        arrays.wide[wide, HITS] = hits[is_wide].astype(np.int64) << shift
+        arrays.wide[wide, PASSES] = passes[is_wide].astype(np.int64) << shift
         arrays.counts[WIDE_COUNT] += rows
-    if (largest[of_narrow] == NARROW_MAX).any():
-        arrays.counts[ANY_FULL] = 1
-    arrays.counts[TILE_COUNT] += len(some)
+    arrays.counts[TILE_COUNT] += len(coords)
     enter(arrays, first)
+
+
+def _set_narrow(
+    arrays: TileArrays,
+    slots: slice | IntArray,
+    hits: npt.NDArray[Any],
+    passes: npt.NDArray[Any],
+    largest: npt.NDArray[Any],
+) -> None:
+    arrays.narrow[slots, HITS] = hits
+    arrays.narrow[slots, PASSES] = passes
+    arrays.load[slots] = largest
+    if (largest == NARROW_MAX).any():
+        arrays.counts[ANY_FULL] = 1
 
 
 def retiled(tiles: TileStore, side: int) -> TileStore:

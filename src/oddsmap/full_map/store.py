@@ -25,11 +25,12 @@ from oddsmap.map_files.chunk_blocks import (
     block_coords,
     blocks_by_shard,
     blocks_from_chunks,
+    used_blocks,
 )
 from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import FORMAT_VERSION, FULL_MAP, SHARD, new_folder
 from oddsmap.map_files.zarr_header import Header, check_place, read_header
-from oddsmap.map_files.zarr_shards import SavedShards
+from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
 from oddsmap.map_files.zarr_snapshot import read_unchanged, settled
 
 __all__ = ["FullMapFields", "is_full_map", "read_full_map", "save_full_map"]
@@ -136,20 +137,26 @@ def _read(path: Path) -> FullMapFields:
     d = len(header.shape)
     side = TILE_SIDE[d]
     prior = np.float32(header.arrays["log_odds"].fill_value)
-    coords, values, seen = [], [], []
+    coords: list[IntArray] = []
+    values: list[npt.NDArray[Any]] = []
+    seen: list[npt.NDArray[Any]] = []
     taken, limit = 0, memory_limit()
-    with SavedShards(path, header).read_all(tuple(_TYPES)) as found:
-        for chunks in found:
-            log_odds, marks = (blocks_from_chunks(cells, side, d) for cells in chunks.cells)
-            if not np.isfinite(log_odds).all():
-                raise ValueError("log_odds holds values that are no numbers")
-            if marks.max(initial=0) > REACHED:
-                raise ValueError(f"marks holds {marks.max()}, and marks are 0, 1 or 2")
-            used = np.flatnonzero((log_odds != prior).any(axis=1) | marks.any(axis=1))
-            coords.append(block_coords(chunks.first, side)[used])
-            values.append(log_odds[used])
-            seen.append(marks[used])
-            taken += coords[-1].nbytes + values[-1].nbytes + seen[-1].nbytes
+
+    def blocks_of(chunks: SavedChunks) -> tuple[IntArray, npt.NDArray[Any], npt.NDArray[Any]]:
+        log_odds, marks = chunks.cells
+        if not np.isfinite(log_odds).all():
+            raise ValueError("log_odds holds values that are no numbers")
+        if marks.max(initial=0) > REACHED:
+            raise ValueError(f"marks holds {marks.max()}, and marks are 0, 1 or 2")
+        some = np.flatnonzero(used_blocks((log_odds != prior) | (marks != 0), side, d))
+        log_odds, marks = (blocks_from_chunks(cells, side, d, some) for cells in chunks.cells)
+        return block_coords(chunks.first, side, some), log_odds, marks
+
+    with SavedShards(path, header).read_all(tuple(_TYPES), blocks_of) as found:
+        for each in found:
+            for of_all, own in zip((coords, values, seen), each, strict=True):
+                of_all.append(own)
+            taken += sum(own.nbytes for own in each)
             if 2 * taken > limit:  # they lie side by side with what is made of them
                 raise MapTooLargeError(
                     f"{path}: more than {taken / 1e9:.1f} GB of cells, and this machine's memory "

@@ -16,7 +16,14 @@ import numpy.typing as npt
 from oddsmap.array_types import IntArray
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD
 
-__all__ = ["ShardBlocks", "block_coords", "blocks_by_shard", "blocks_from_chunks"]
+__all__ = [
+    "ShardBlocks",
+    "block_coords",
+    "blocks_by_shard",
+    "blocks_from_chunks",
+    "clear_outside",
+    "used_blocks",
+]
 
 
 class ShardBlocks(NamedTuple):
@@ -85,39 +92,95 @@ def blocks_by_shard(coords: IntArray, side: int) -> Iterator[ShardBlocks]:
             yield ShardBlocks(places[blocks[0]], own, blocks, chunk, within[blocks])
 
 
-def blocks_from_chunks(chunks: npt.NDArray[Any], side: int, d: int) -> npt.NDArray[Any]:
-    """Cut chunks into blocks.
+def used_blocks(chunks: npt.NDArray[Any], side: int, d: int) -> npt.NDArray[np.bool_]:
+    """Find the blocks that hold anything but zeros.
+
+    Args:
+        chunks: whole numbers or truth values, shape (n, chunk^d), x fastest.
+        side: cells along a block's side, which divides a chunk's.
+        d: 2 or 3.
+
+    Returns:
+        Shape (n * (chunk / side)^d,): chunk by chunk, x fastest.
+    """
+    n, across = len(chunks), CHUNK[d] // side
+    # Eight bytes at a time, the slowest axis first: it leaves a part of them for the others.
+    joint = words = chunks.view(np.uint64 if side * chunks.itemsize % 8 == 0 else np.uint8)
+    row = words.shape[1] // CHUNK[d] ** (d - 1)
+    for axis in range(1, d):
+        of_one_place = row * CHUNK[d] ** (d - 1 - axis)
+        joint = np.bitwise_or.reduce(joint.reshape(n * across**axis, side, of_one_place), axis=1)
+    used: npt.NDArray[np.bool_]
+    used = np.logical_or.reduce(joint.reshape(n * across**d, row // across), axis=1)
+    return used
+
+
+def blocks_from_chunks(
+    chunks: npt.NDArray[Any], side: int, d: int, chosen: IntArray
+) -> npt.NDArray[Any]:
+    """Cut blocks out of chunks.
 
     Args:
         chunks: shape (n, chunk^d), x fastest.
         side: cells along a block's side, which divides a chunk's.
         d: 2 or 3.
+        chosen: which blocks, counted as in `used_blocks`, shape (m,).
 
     Returns:
-        Cells of each block, shape (n * (chunk / side)^d, side^d): chunk by chunk, x fastest.
+        Their cells, shape (m, side^d), x fastest.
     """
     across = CHUNK[d] // side
-    rows = _rows(chunks, side).reshape(-1, *(across, side) * (d - 1), across)
-    # (chunk, tz, z, ty, y, tx) becomes (chunk, tz, ty, tx, z, y).
-    order = (0, *range(1, 2 * d, 2), *range(2, 2 * d, 2))
-    copied = np.ascontiguousarray(rows.transpose(order))
-    return copied.view(chunks.dtype).reshape(-1, side**d)
+    chunk, within = _places(chosen, across, d)
+    where = [part for at in within[:0:-1] for part in (at, slice(None))]
+    rows = _rows(chunks, side).reshape(len(chunks), *(across, side) * (d - 1), across)
+    copied: npt.NDArray[Any] = rows[(chunk, *where, within[0])]
+    return copied.view(chunks.dtype).reshape(len(chosen), side**d)
 
 
-def block_coords(first: IntArray, side: int) -> IntArray:
-    """Coordinates of the blocks that `blocks_from_chunks` gives.
+def block_coords(first: IntArray, side: int, chosen: IntArray) -> IntArray:
+    """Coordinates of blocks in chunks.
 
     Args:
         first: the first cell of each chunk, shape (n, d), x first.
         side: cells along a block's side.
+        chosen: which blocks, counted as in `used_blocks`, shape (m,).
 
     Returns:
-        In blocks from cell 0, shape (n * (chunk / side)^d, d), x first.
+        In blocks from cell 0, shape (m, d), x first.
     """
     d = first.shape[1]
-    across = CHUNK[d] // side
-    within = np.stack(np.unravel_index(np.arange(across**d), (across,) * d)[::-1], axis=1)
-    return (first[:, None] // side + within).reshape(-1, d)
+    chunk, within = _places(chosen, CHUNK[d] // side, d)
+    return first[chunk] // side + np.stack(within, axis=1)
+
+
+def clear_outside(
+    first: IntArray, chunks: npt.NDArray[Any], lo: IntArray | None, hi: IntArray | None
+) -> None:
+    """Set cells outside a box to zero.
+
+    Args:
+        first: the first cell of each chunk, shape (n, d), x first.
+        chunks: shape (n, chunk^d), x fastest.
+        lo: the first cell of the box, shape (d,), x first; None: as far as there are any.
+        hi: past its last cell.
+    """
+    d = first.shape[1]
+    along = first[:, :, None] + np.arange(CHUNK[d])
+    outside = np.zeros(along.shape, np.bool_)
+    if lo is not None:
+        outside |= along < lo[:, None]
+    if hi is not None:
+        outside |= along >= hi[:, None]
+    for row in np.flatnonzero(outside.any(axis=(1, 2))):
+        box = chunks[row].reshape((CHUNK[d],) * d)
+        for axis in range(d):
+            np.moveaxis(box, d - 1 - axis, 0)[outside[row, axis]] = 0
+
+
+def _places(chosen: IntArray, across: int, d: int) -> tuple[IntArray, list[IntArray]]:
+    """In which chunk blocks are, and where in it, in blocks, x first."""
+    chunk, within = np.divmod(chosen, across**d)
+    return chunk, [within // across**axis % across for axis in range(d)]
 
 
 def _rows(cells: npt.NDArray[Any], side: int) -> npt.NDArray[np.void]:

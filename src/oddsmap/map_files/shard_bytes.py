@@ -20,6 +20,7 @@ from oddsmap.array_types import IntArray
 
 __all__ = ["pack_shard", "shard_index", "unpack_chunk"]
 
+_LEVEL = 0  # of compression: zstd's own choice
 _EMPTY = (1 << 64) - 1  # offset and length of a chunk that is not written
 _ZSTD = b"\x28\xb5\x2f\xfd"
 # Of a zstd frame's header: bytes of the field for its length, by two bits, and of the dictionary's.
@@ -42,17 +43,17 @@ def pack_shard(
     Returns:
         What `shard_index` and `unpack_chunk` take; None where no chunk is left.
     """
-    from numcodecs.zstd import Zstd
+    from numcodecs.zstd import compress
 
-    pack = Zstd(level=0, checksum=True)
     little = chunks.astype(chunks.dtype.newbyteorder("<"), copy=False)
-    some = np.flatnonzero((little != little.dtype.type(fill_value)).any(axis=1))
+    fill = little.dtype.type(fill_value)
+    some = np.flatnonzero((little if fill == 0 else little != fill).any(axis=1)).tolist()
     if len(some) == 0:
         return None
     index = np.full((count, 2), _EMPTY, "<u8")
     frames, at = [], 0
-    for number, block in zip(numbers[some].tolist(), little[some], strict=True):
-        frame = bytes(pack.encode(block))
+    for number, row in zip(numbers[some].tolist(), some, strict=True):
+        frame = compress(little[row], _LEVEL, True)
         index[number] = at, len(frame)
         frames.append(frame)
         at += len(frame)
@@ -102,12 +103,12 @@ def unpack_chunk(frame: bytes, cells: npt.NDArray[Any], name: str) -> None:
     Raises:
         ValueError: it is damaged. One that says that it is of another size is not unpacked.
     """
-    from numcodecs.zstd import Zstd
+    from numcodecs.zstd import decompress
 
     if _unpacked_bytes(frame[:_FRAME_HEADER]) != cells.nbytes:
         raise ValueError(f"a chunk of {name} does not unpack to {cells.nbytes} bytes")
     try:
-        Zstd().decode(frame, out=cells)
+        decompress(frame, cells)
     except (RuntimeError, ValueError):
         raise ValueError(f"a chunk of {name} cannot be unpacked") from None
     if sys.byteorder == "big":
@@ -119,7 +120,7 @@ def _crc_tables(length: int) -> npt.NDArray[np.uint32]:
     """What a byte adds to the CRC-32C of so many bytes, by its place and its value."""
     table = np.arange(256, dtype=np.uint32)
     for _ in range(8):
-        table = (table >> 1) ^ (table & 1) * np.uint32(_CASTAGNOLI)
+        table[:] = (table >> 1) ^ (table & 1) * np.uint32(_CASTAGNOLI)
     tables = np.empty((length, 256), np.uint32)
     tables[-1] = table
     for place in range(length - 2, -1, -1):

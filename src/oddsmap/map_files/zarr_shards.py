@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,8 @@ from oddsmap.map_files.zarr_folder import CHUNK, SHARD, shard_files
 from oddsmap.map_files.zarr_header import Header
 
 __all__ = ["SavedChunks", "SavedShards"]
+
+T = TypeVar("T")
 
 
 class SavedChunks(NamedTuple):
@@ -66,9 +68,23 @@ class SavedShards:
 
     @contextmanager
     def read_all(
-        self, names: Sequence[str], lo: IntArray | None = None, hi: IntArray | None = None
-    ) -> Iterator[Iterator[SavedChunks]]:
-        """Read shard after shard, in threads; arguments and errors as in `read` and `places`."""
+        self,
+        names: Sequence[str],
+        work: Callable[[SavedChunks], T],
+        lo: IntArray | None = None,
+        hi: IntArray | None = None,
+    ) -> Iterator[Iterator[T]]:
+        """Read shard after shard, in threads; errors as in `read` and `places`.
+
+        Args:
+            names: of the arrays.
+            work: what to do with what a shard holds, in its thread.
+            lo: as in `read`.
+            hi: likewise.
+
+        Yields:
+            What comes of it, in the order of the shards.
+        """
         side = SHARD[self.ndim]
         chosen = []
         for place in self.places(names):
@@ -78,7 +94,7 @@ class SavedShards:
             if hi is not None and (begin >= hi).any():
                 continue
             chosen.append(place)
-        with side_by_side(lambda place: self.read(names, place, lo, hi), chosen) as found:
+        with side_by_side(lambda place: work(self.read(names, place, lo, hi)), chosen) as found:
             yield found
 
     def read(
@@ -115,9 +131,10 @@ class SavedShards:
         for name, own in zip(names, frames, strict=True):
             array = self.header.arrays[name]
             found = np.empty((len(numbers), chunk**d), array.dtype)
+            file = self._file(name, place)
             for row, number in zip(found, numbers.tolist(), strict=True):
                 if number in own:
-                    unpack_chunk(own[number], row, self._file(name, place))
+                    unpack_chunk(own[number], row, file)
                 else:
                     row[:] = array.fill_value
             cells.append(found)
