@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from oddsmap.evidence.tile_counts import append_counts, counts_of, retiled
 from oddsmap.evidence.tiles import TileStore
-from oddsmap.kernels.units import MAX_UNITS, ONE
+from oddsmap.kernels.units import HITS, MAX_UNITS, ONE, PASSES
 from oddsmap.kernels.vote.tiles import ANY_FULL, WIDE_COUNT
 
 KINDS = [(ONE, "u1", 255), (ONE, "u2", 60_000), (ONE, "u8", 1 << 45), (1, "u4", 1 << 31)]
@@ -46,8 +46,10 @@ def test_there_and_back(seed: int, sizes: tuple[int, int], kind: tuple[int, str,
     for part in (slice(0, 13), slice(13, 20)):
         append_counts(tiles, coords[part], counts[part, 0], counts[part, 1], unit)
     assert tiles.coords.tolist() == coords.tolist()
-    found = counts_of(tiles, np.arange(tiles.count), unit, dtype)
-    np.testing.assert_array_equal(found, counts)
+    for channel in (HITS, PASSES):
+        found = counts_of(tiles, np.arange(tiles.count), channel, unit, dtype)
+        assert found.dtype == dtype
+        np.testing.assert_array_equal(found, counts[:, channel])
     for at, count in zip(coords, counts, strict=True):
         box = tiles.region(at * side, (at + 1) * side)
         assert box.reshape(2, -1).tolist() == (count.astype(np.int64) * unit).tolist()

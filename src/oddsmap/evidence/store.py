@@ -29,7 +29,7 @@ from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tile_counts import append_counts, counts_of, retiled
 from oddsmap.evidence.tiles import HEAVIEST, Census, TileStore
-from oddsmap.kernels.units import ONE, PASSES
+from oddsmap.kernels.units import HITS, ONE, PASSES
 from oddsmap.limits import TILE_SIDE
 from oddsmap.map_files.chunk_blocks import (
     ShardBlocks,
@@ -90,9 +90,10 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
     """
     d = evidence.ndim
     shard = SHARD[d]
-    stored = [(evidence.tiles, slice(0, 2), _VOTES)]
+    stored: list[tuple[TileStore, tuple[int, ...], dict[str, str]]]
+    stored = [(evidence.tiles, (HITS, PASSES), _VOTES)]
     if evidence.lengths is not None:
-        stored.append((evidence.lengths, slice(PASSES, PASSES + 1), _LENGTHS))
+        stored.append((evidence.lengths, (PASSES,), _LENGTHS))
     censuses = [tiles.census() for tiles, _, _ in stored]
     boxes = [census.bounds for census in censuses if census.bounds is not None]
     boxes = boxes or [(np.zeros(d, np.int64), np.ones(d, np.int64))]
@@ -109,15 +110,14 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
 def _write(
     folder: NewFolder,
     tiles: TileStore,
-    channels: slice,
+    channels: tuple[int, ...],
     texts: Mapping[str, str],
     census: Census,
     first_place: IntArray,
 ) -> None:
     """Write one or both kinds of weights of tiles."""
     unit = ONE if census.whole_votes else 1
-    # By name: Zarr knows one uint64.
-    dtype = np.dtype(np.min_scalar_type(census.largest // unit).str)
+    dtype = np.min_scalar_type(census.largest // unit)
     for name, text in texts.items():
         folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
     # Only a caller's own tiles reach over a chunk.
@@ -127,10 +127,10 @@ def _write(
 
     def write(shard: ShardBlocks) -> None:
         place = tuple((shard.place - first_place)[::-1].tolist())
-        counts = counts_of(fitting, shard.blocks, unit, dtype)
-        for name, channel in zip(texts, range(*channels.indices(2)), strict=True):
-            cells = shard.to_chunks(np.ascontiguousarray(counts[:, channel]), fitting.side)
-            folder.write(name, place, shard.numbers, cells)
+        for name, channel in zip(texts, channels, strict=True):
+            counts = counts_of(fitting, shard.blocks, channel, unit, dtype)
+            chunks = shard.to_chunks(counts, fitting.side)
+            folder.write(name, place, shard.numbers, chunks)
 
     do_side_by_side(write, blocks_by_shard(fitting.coords, fitting.side))
 

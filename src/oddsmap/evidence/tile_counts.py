@@ -24,26 +24,28 @@ __all__ = ["append_counts", "counts_of", "retiled"]
 
 
 def counts_of(
-    tiles: TileStore, slots: IntArray, unit: int, dtype: npt.DTypeLike
+    tiles: TileStore, slots: IntArray, channel: int, unit: int, dtype: npt.DTypeLike
 ) -> npt.NDArray[Any]:
-    """Weights of some tiles as counts.
+    """Weights of one kind of some tiles as counts.
 
     Args:
         tiles: the tiles.
         slots: which, shape (n,).
+        channel: HITS or PASSES.
         unit: units in one count, 1 or those of a vote; every weight is a multiple of it.
         dtype: of unsigned integers that hold each count.
 
     Returns:
-        Hits and passes, shape (n, 2, cells of a tile).
+        Shape (n, cells of a tile).
     """
     shift = unit.bit_length() - 1
-    counts = tiles.arrays.narrow[slots].astype(dtype, copy=False)
+    counts: npt.NDArray[Any] = tiles.arrays.narrow[slots, channel].astype(dtype, copy=False)
     if unit != ONE:
         counts <<= FRACTION_BITS - shift
-    wide = tiles.arrays.wide_of[slots] >= 0
-    if wide.any():
-        counts[wide] = tiles.units(slots[wide]) >> shift
+    rows = tiles.arrays.wide_of[slots]
+    is_wide = rows >= 0
+    if is_wide.any():
+        counts[is_wide] += (tiles.arrays.wide[rows[is_wide], channel] >> shift).astype(dtype)
     return counts
 
 
