@@ -85,7 +85,7 @@ ONE_MAP: Votes = {(1, 1): (ONE, 0), (1, 2000): (ONE, ONE)}
 OTHER: Votes = {(-5000, 1): (3 * ONE, ONE), (-5000, 2000): (0, ONE), (7, 7): (0, 9 * ONE)}
 
 
-@pytest.mark.parametrize("step", ["read_header", "SavedShards", "_checked"])
+@pytest.mark.parametrize("step", ["read_header", "SavedShards", "_check_counts"])
 def test_a_map_that_is_replaced_in_between(
     step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

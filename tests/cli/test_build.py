@@ -217,7 +217,7 @@ def test_settings_that_do_not_fit(
 def test_a_failure_while_writing_keeps_the_old_map(
     run: Run, office: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from oddsmap.evidence.tiles import TileStore
+    from oddsmap.map_files.zarr_folder import NewFolder
 
     out = tmp_path / "x.zarr"
     run("build", office, "--resolution", 0.2, "-o", out)
@@ -226,7 +226,7 @@ def test_a_failure_while_writing_keeps_the_old_map(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(TileStore, "counts_in", full)
+    monkeypatch.setattr(NewFolder, "write", full)
     line = run("build", office, "--resolution", 0.1, "-o", out, "--force").line
     assert "No space left" in line
     assert folder_bytes(out) == before

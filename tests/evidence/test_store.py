@@ -18,8 +18,10 @@ from oddsmap import BeamSensor, EvidenceMap, add_scans, build_map, load_map
 from oddsmap.config.config import PosteriorConfig
 from oddsmap.errors import InputError, OddsmapError, OutputError
 from oddsmap.evidence import store
-from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.units import MAX_UNITS
+from oddsmap.map_files import side_by_side
+from oddsmap.map_files.zarr_folder import NewFolder
+from oddsmap.map_files.zarr_shards import SavedShards
 from tests.kit import ONE, Votes, add_votes, random_scans, votes_of
 
 UTM = (10_000_000, 108_000_000)
@@ -214,17 +216,17 @@ def test_a_box_reads_its_shards_alone(tmp_path: Path, monkeypatch: pytest.Monkey
     votes: Votes = {(x, y): (ONE, x * ONE) for x in (1, 1500, 2500) for y in (2, 1023, 1024, 2500)}
     evidence = a_map(votes)
     evidence.save(path)
-    read: list[list[int]] = []
-    real = TileStore.fill_counts
+    read: list[tuple[int, ...]] = []
+    real = SavedShards.read
 
-    def spy(self: TileStore, begin: Any, *rest: Any) -> None:
-        read.append(begin.tolist())
-        real(self, begin, *rest)
+    def spy(self: SavedShards, names: Any, place: tuple[int, ...], *rest: Any) -> Any:
+        read.append(place)
+        return real(self, names, place, *rest)
 
-    monkeypatch.setattr(TileStore, "fill_counts", spy)
+    monkeypatch.setattr(SavedShards, "read", spy)
     part = load_map(path, lo=(1000, 1000), hi=(1501, 1024))
     assert votes_of(part) == {(1500, 1023): (ONE, 1500 * ONE)}
-    assert read == [[0, 0], [1024, 0]]
+    assert sorted(read) == [(0, 0), (0, 1)]
     assert votes_of(load_map(path, lo=(1500, 1024))) == {
         at: vote for at, vote in votes.items() if at[0] >= 1500 and at[1] >= 1024
     }
@@ -237,6 +239,52 @@ def test_a_box_reads_its_shards_alone(tmp_path: Path, monkeypatch: pytest.Monkey
     # Files outside the box may be damaged: they are not read.
     (path / "hits" / "c" / "2" / "2").write_bytes(b"rubbish")
     assert votes_of(load_map(path, hi=(2, 3))) == {(1, 2): (ONE, ONE)}
+
+
+def test_a_box_reads_its_chunks_alone(tmp_path: Path) -> None:
+    """Chunks outside the box may be damaged: they are not unpacked."""
+    path = tmp_path / "a.zarr"
+    votes: Votes = {(x, 5): (ONE, x * ONE) for x in (0, 127, 128, 300)}
+    a_map(votes).save(path)
+    shard = path / "hits" / "c" / "0" / "0"
+    content = bytearray(shard.read_bytes())
+    assert content.count(b"\x28\xb5\x2f\xfd") == 3
+    content[content.rindex(b"\x28\xb5\x2f\xfd")] ^= 1  # of the last one: from x = 256 on
+    shard.write_bytes(content)
+    del votes[300, 5]
+    assert votes_of(load_map(path, hi=(256, 99))) == votes
+    with pytest.raises(InputError, match="a chunk of hits/c/0/0 does not unpack"):
+        load_map(path, hi=(257, 99))
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([2, 3]),
+    st.booleans(),
+    st.sampled_from(["both", "lo", "hi"]),
+)
+def test_a_box_is_what_a_crop_is(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, d: int, lengths: bool, open_side: str
+) -> None:
+    rng = np.random.default_rng(seed)
+    evidence = EvidenceMap(0.5, ndim=d, votes="beam", path_lengths=lengths)
+    index = np.unique(rng.integers(-200, 200, (300, d)), axis=0)
+    evidence.add_cells(index, *rng.integers(0, 1 << 20, (2, len(index))))
+    if evidence.lengths is not None:
+        along = np.array([0, 1]) * rng.integers(0, 1 << 20, (len(index), 1))
+        evidence.lengths.add_cells(index, along)
+    path = tmp_path_factory.mktemp("boxes") / "a.zarr"
+    evidence.save(path)
+    lo, hi = np.sort(rng.integers(-250, 250, (2, d)), axis=0)
+    box = {"lo": lo, "hi": hi} if open_side == "both" else {open_side: lo}
+    part = load_map(path, **box)
+    cut = evidence.crop(box.get("lo", [-999] * d), box.get("hi", [999] * d))
+    for one, other in zip(part.cells(), cut.cells(), strict=True):
+        np.testing.assert_array_equal(one, other)
+    if lengths:
+        for one, other in zip(part.cell_lengths(), cut.cell_lengths(), strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize(("lo", "hi"), [((50, 0), None), (None, (0, -3000)), ((2, 1), None)])
@@ -276,23 +324,45 @@ def test_a_broken_off_write_leaves_the_old_map(
     a_map({(1, 1): (ONE, 0)}).save(path)
     before = files(path)
     calls: list[int] = []
-    real = TileStore.counts_in
+    real = NewFolder.write
 
-    def failing(self: TileStore, *where: Any) -> Any:
+    def failing(self: NewFolder, *what: Any) -> None:
         calls.append(1)
-        if len(calls) == 2:
+        if len(calls) == 4:  # of two arrays, in two shards
             raise error
-        return real(self, *where)
+        real(self, *what)
 
-    monkeypatch.setattr(TileStore, "counts_in", failing)
+    monkeypatch.setattr(NewFolder, "write", failing)
     evidence = a_map({(1, 1): (ONE, 0), (2000, 1): (ONE, 0)})
     for target, force in ((path, True), (tmp_path / "new.zarr", False)):
         calls.clear()
         with pytest.raises(OutputError if isinstance(error, OSError) else type(error)):
             evidence.save(target, force=force)
-        assert len(calls) == 2
+        assert len(calls) >= 4  # other threads may have gone on
         assert files(path) == before
         assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
+
+
+@pytest.mark.parametrize("ndim", [2, 3])
+def test_the_number_of_threads_changes_no_bit(
+    ndim: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(ndim)
+    index = np.unique(rng.integers(-2000, 2000, (2000, ndim)) // [1, 1, 20][:ndim], axis=0)
+    evidence = EvidenceMap(0.5, ndim=ndim)
+    evidence.add_cells(index, *(rng.integers(0, 300, (2, len(index))) * ONE))
+    saved = []
+    for threads in (1, 2, 5):
+        monkeypatch.setattr(side_by_side, "_threads", lambda count=threads: count)
+        path = tmp_path / f"{threads}.zarr"
+        evidence.save(path)
+        found = files(path)
+        saved.append({name: found[name][0] for name in found if not name.endswith("zarr.json")})
+        again = load_map(path)
+        for one, other in zip(again.cells(), evidence.cells(), strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert len(saved[0]) > 10
+    assert saved[0] == saved[1] == saved[2]
 
 
 def test_a_missing_folder(tmp_path: Path) -> None:

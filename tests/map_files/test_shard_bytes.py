@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 import zarr
 from numcodecs.zstd import Zstd
@@ -14,7 +15,13 @@ from zarr.codecs import ZstdCodec
 
 from oddsmap import load_map
 from oddsmap.errors import InputError
-from oddsmap.map_files.shard_bytes import _crc32c, _unpacked_bytes, pack_shard, unpack_shard
+from oddsmap.map_files.shard_bytes import (
+    _crc32c,
+    _unpacked_bytes,
+    pack_shard,
+    shard_index,
+    unpack_chunk,
+)
 from tests.saved_maps_kit import KINDS
 
 CHUNKS = 64
@@ -52,10 +59,30 @@ def test_what_zarr_packs(d: int, dtype: str, tmp_path: Path) -> None:
     array[...] = wanted
     found = np.full(shape, 7, dtype)
     content = (tmp_path / "a" / "c" / "/".join("0" * d)).read_bytes()
-    unpack_shard(content, found, 16, "a")
+    unpack(content, found, 16)
     np.testing.assert_array_equal(found, wanted)
     with pytest.raises(ValueError, match="does not match its checksum"):
-        unpack_shard(content[:-1] + b"x", found, 16, "a")
+        unpack(content[:-1] + b"x", found, 16)
+
+
+def chunks_of(cells: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
+    """All chunks of a shard in order, shape (n, cells of a chunk)."""
+    grid = (cells.shape[0] // side,) * cells.ndim
+    return np.stack([cells[where(at, side)].ravel() for at in np.ndindex(grid)])
+
+
+def where(at: tuple[int, ...], side: int) -> tuple[slice, ...]:
+    return tuple(slice(i * side, (i + 1) * side) for i in at)
+
+
+def unpack(content: bytes, cells: npt.NDArray[Any], side: int) -> None:
+    """All that is written of a shard."""
+    grid = (cells.shape[0] // side,) * cells.ndim
+    for number, frame in shard_index(content, int(np.prod(grid)), "a").items():
+        chunk = np.empty(side**cells.ndim, cells.dtype)
+        unpack_chunk(frame, chunk, "a")
+        at = tuple(int(i) for i in np.unravel_index(number, grid))
+        cells[where(at, side)] = chunk.reshape((side,) * cells.ndim)
 
 
 def refused(shard: Path, content: bytes) -> str:
@@ -100,10 +127,14 @@ def test_what_is_packed_is_unpacked_and_read_by_zarr(
     cells = np.full((64,) * d, fill, kind)
     cells[(slice(0, 20),) * d] = rng.integers(0, 200, (20,) * d)
     cells[(slice(33, 34),) * d] = fill + 1
-    content = pack_shard(cells, 16, fill)
+    chunks = chunks_of(cells, 16)
+    content = pack_shard(np.arange(len(chunks)), chunks, len(chunks), fill)
+    # Chunks of nothing may be left out as well.
+    some = np.flatnonzero((chunks != fill).any(axis=1))
+    assert pack_shard(some, chunks[some], len(chunks), fill) == content
     assert content is not None
     again = np.full_like(cells, fill)
-    unpack_shard(content, again, 16, "a")
+    unpack(content, again, 16)
     np.testing.assert_array_equal(again, cells)
     array: Any = zarr.create_array(
         tmp_path / "a.zarr", shape=cells.shape, chunks=(16,) * d, shards=(64,) * d, dtype=kind,
@@ -118,4 +149,4 @@ def test_what_is_packed_is_unpacked_and_read_by_zarr(
 
 
 def test_a_shard_of_nothing_is_no_file() -> None:
-    assert pack_shard(np.full((64, 64), 7, np.uint8), 16, 7) is None
+    assert pack_shard(np.arange(16), np.full((16, 256), 7, np.uint8), 16, 7) is None

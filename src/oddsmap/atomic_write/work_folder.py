@@ -32,7 +32,7 @@ __all__ = ["WorkFolder", "clear_dead", "put_back"]
 
 _NAME = re.compile(r"\.oddsmap-[0-9a-f]{16}\.part")
 _OWNER, _NEW, _OLD, _READY = "owner", "new", "old", "ready"
-# Threads of Zarr may be writing when an interrupt comes [s].
+# Threads may still be writing where a second interrupt comes while they are waited for [s].
 _SETTLE = 0.05
 
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,17 +23,30 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
-from oddsmap.cell_index import indices_in
+from oddsmap.cell_index import cell_box, indices_in
 from oddsmap.config.config import Config
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.tiles import HEAVIEST, TileStore
-from oddsmap.kernels.units import ONE, PASSES
+from oddsmap.evidence.tile_counts import append_counts, counts_of, retiled
+from oddsmap.evidence.tiles import HEAVIEST, Census, TileStore
+from oddsmap.kernels.units import HITS, ONE, PASSES
+from oddsmap.limits import TILE_SIDE
+from oddsmap.map_files.chunk_blocks import (
+    ShardBlocks,
+    block_coords,
+    blocks_by_shard,
+    blocks_from_chunks,
+    clear_outside,
+    used_blocks,
+)
+from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import (
+    CHUNK,
     EVIDENCE_MAP,
     FORMAT_VERSION,
     FULL_MAP,
     SHARD,
+    NewFolder,
     format_of,
     new_folder,
 )
@@ -45,7 +57,7 @@ from oddsmap.map_files.zarr_header import (
     read_header,
     whole_numbers,
 )
-from oddsmap.map_files.zarr_shards import SavedShards
+from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
 from oddsmap.map_files.zarr_snapshot import read_unchanged, settled
 
 __all__ = ["is_map", "read_map", "save_map"]
@@ -78,27 +90,49 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
     """
     d = evidence.ndim
     shard = SHARD[d]
-    bounds = evidence.bounds()
-    lo, hi = bounds if bounds is not None else (np.zeros(d, np.int64), np.ones(d, np.int64))
+    stored: list[tuple[TileStore, tuple[int, ...], dict[str, str]]]
+    stored = [(evidence.tiles, (HITS, PASSES), _VOTES)]
+    if evidence.lengths is not None:
+        stored.append((evidence.lengths, (PASSES,), _LENGTHS))
+    censuses = [tiles.census() for tiles, _, _ in stored]
+    boxes = [census.bounds for census in censuses if census.bounds is not None]
+    boxes = boxes or [(np.zeros(d, np.int64), np.ones(d, np.int64))]
+    lo = np.min([first for first, _ in boxes], axis=0)
+    hi = np.max([past for _, past in boxes], axis=0)
     first = lo // shard * shard
     shape = tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
-    stored: list[tuple[TileStore, slice, dict[str, str]]] = [(evidence.tiles, slice(0, 2), _VOTES)]
-    if evidence.lengths is not None:
-        stored.append((evidence.lengths, slice(PASSES, PASSES + 1), _LENGTHS))
     with new_folder(Path(path), shape, force=force) as folder:
-        for tiles, channels, texts in stored:
-            census = tiles.census()
-            unit = ONE if census.whole_votes else 1
-            # By name: Zarr knows one uint64.
-            dtype = np.dtype(np.min_scalar_type(census.largest // unit).str)
-            for name, text in texts.items():
-                folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
-            for begin in _shards_of(tiles, shard, lo, hi):
-                place = tuple(((begin - first)[::-1] // shard).tolist())
-                weights = tiles.counts_in(begin, shard, unit, dtype)[channels]
-                for name, cells in zip(texts, weights, strict=True):
-                    folder.write(name, place, cells)
+        for (tiles, channels, texts), census in zip(stored, censuses, strict=True):
+            _write(folder, tiles, channels, texts, census, first // shard)
         folder.seal(_attributes(evidence, first, lo, hi))
+
+
+def _write(
+    folder: NewFolder,
+    tiles: TileStore,
+    channels: tuple[int, ...],
+    texts: Mapping[str, str],
+    census: Census,
+    first_place: IntArray,
+) -> None:
+    """Write one or both kinds of weights of tiles."""
+    unit = ONE if census.whole_votes else 1
+    dtype = np.min_scalar_type(census.largest // unit)
+    for name, text in texts.items():
+        folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
+    # Only a caller's own tiles reach over a chunk.
+    fitting = (
+        tiles if CHUNK[tiles.ndim] % tiles.side == 0 else retiled(tiles, TILE_SIDE[tiles.ndim])
+    )
+
+    def write(shard: ShardBlocks) -> None:
+        place = tuple((shard.place - first_place)[::-1].tolist())
+        for name, channel in zip(texts, channels, strict=True):
+            counts = counts_of(fitting, shard.blocks, channel, unit, dtype)
+            chunks = shard.to_chunks(counts, fitting.side)
+            folder.write(name, place, shard.numbers, chunks)
+
+    do_side_by_side(write, blocks_by_shard(fitting.coords, fitting.side))
 
 
 def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray) -> dict[str, Any]:
@@ -116,19 +150,6 @@ def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray)
     }
 
 
-def _shards_of(tiles: TileStore, shard: int, lo: IntArray, hi: IntArray) -> IntArray:
-    # Every shard that a tile reaches into (a tile's side need not divide a shard's) and that has
-    # known cells.
-    side, d = tiles.side, tiles.ndim
-    reach = np.array(list(product((*range(0, side, shard), side - 1), repeat=d)))
-    found = [
-        np.unique((coords[:, None] * side + reach).reshape(-1, d) // shard, axis=0)
-        for coords, _ in tiles.chunks()
-    ]
-    begin = np.unique(np.concatenate([np.empty((0, d), np.int64), *found]), axis=0) * shard
-    return begin[((begin + shard > lo) & (begin < hi)).all(axis=1)]
-
-
 def read_map(
     path: str | os.PathLike[str],
     kind: type[E],
@@ -139,15 +160,7 @@ def read_map(
     """Read evidence that `save_map` wrote, as that class: see `oddsmap.load_map`."""
     box_lo = indices_in(lo) if lo is not None else None
     box_hi = indices_in(hi) if hi is not None else None
-    evidence = read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
-    if box_lo is not None or box_hi is not None:
-        nothing = np.zeros(evidence.ndim, np.int64)
-        low, high = evidence.bounds() or (nothing, nothing)
-        # An open side lies where the cells end, or at the other side where there are none.
-        if box_lo is None:
-            box_lo = low if box_hi is None else np.minimum(low, box_hi)
-        evidence = evidence.crop(box_lo, np.maximum(high, box_lo) if box_hi is None else box_hi)
-    return evidence
+    return read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
 
 
 def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -> E:
@@ -163,25 +176,35 @@ def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -
         )
     header = read_header(path, EVIDENCE_MAP)
     evidence = _empty_map(path, kind, header)
-    d = evidence.ndim
+    d, side = evidence.ndim, evidence.tiles.side
     if any(box is not None and box.shape != (d,) for box in (lo, hi)):
         raise InputError(f"{path}: a box needs {d} indices each, got lo {lo} and hi {hi}")
+    if lo is not None and hi is not None:
+        cell_box(lo, hi, d)
     stored = [(evidence.tiles, tuple(_VOTES))]
     if evidence.lengths is not None:
         stored.append((evidence.lengths, tuple(_LENGTHS)))
     shards = SavedShards(path, header)
     for tiles, names in stored:
-        for place in shards.places(names):
-            begin = np.array(place[::-1], np.int64) * SHARD[d] + header.origin_cell
-            if lo is not None and (begin + SHARD[d] <= lo).any():
-                continue
-            if hi is not None and (begin >= hi).any():
-                continue
-            weights = [_checked(shards.read(name, place), header, name) for name in names]
-            if len(weights) == 1:  # lengths are stored in place of passes
-                weights = [np.zeros_like(weights[0]), *weights]
-            unit = _unit_of(header.arrays[names[0]].attributes, names[0])
-            tiles.fill_counts(begin, unit, np.stack(weights))
+        unit = _unit_of(header.arrays[names[0]].attributes, names[0])
+
+        def tiles_of(
+            chunks: SavedChunks, names: tuple[str, ...] = names, unit: int = unit
+        ) -> tuple[IntArray, npt.NDArray[Any], npt.NDArray[Any]]:
+            for cells, name in zip(chunks.cells, names, strict=True):
+                _check_counts(cells, unit, name)
+                if lo is not None or hi is not None:
+                    clear_outside(chunks.first, cells, lo, hi)
+            used = np.any([used_blocks(cells, side, d) for cells in chunks.cells], axis=0)
+            some = np.flatnonzero(used)
+            counts = [blocks_from_chunks(cells, side, d, some) for cells in chunks.cells]
+            # Lengths are stored in place of passes.
+            hits, passes = counts if len(counts) == 2 else (np.zeros_like(counts[0]), counts[0])
+            return block_coords(chunks.first, side, some), hits, passes
+
+        with shards.read_all(names, tiles_of, lo, hi) as found:
+            for coords, hits, passes in found:
+                append_counts(tiles, coords, hits, passes, unit)
     return evidence
 
 
@@ -239,8 +262,7 @@ def _unit_of(attributes: Mapping[str, Any], name: str) -> int:
     return round(float(unit) * ONE)
 
 
-def _checked(stored: npt.NDArray[Any], header: Header, name: str) -> npt.NDArray[Any]:
-    unit = _unit_of(header.arrays[name].attributes, name)
-    if stored.max() > HEAVIEST // unit:
+def _check_counts(cells: npt.NDArray[Any], unit: int, name: str) -> None:
+    most = HEAVIEST // unit
+    if np.iinfo(cells.dtype).max > most and cells.max(initial=0) > most:
         raise ValueError(f"{name} holds weights that are not counts of 0 to 2^46 votes")
-    return stored

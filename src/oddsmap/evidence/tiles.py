@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import ConfigError, MapTooLargeError
@@ -24,16 +23,14 @@ from oddsmap.kernels.vote.tile_census import (
     list_cells,
     take_census,
 )
-from oddsmap.kernels.vote.tile_filling import fill_tiles, tiles_in
-from oddsmap.kernels.vote.tile_lookup import gather_counts, look_up
+from oddsmap.kernels.vote.tile_lookup import look_up
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
-    NARROW_MAX,
     TILE_COUNT,
     WIDE_COUNT,
     TileArrays,
     add_tiles,
-    rehash,
+    enter,
 )
 from oddsmap.limits import memory_limit
 
@@ -126,7 +123,7 @@ class TileStore:
         while slots < 2 * self.count:
             slots *= 2
         self.arrays = self.arrays._replace(table=np.full(slots, -1, np.int64))
-        rehash(self.arrays)
+        enter(self.arrays, 0)
 
     @property
     def count(self) -> int:
@@ -165,7 +162,7 @@ class TileStore:
             slots *= 2
         if slots > self.arrays.table.shape[0]:
             self.arrays = self.arrays._replace(table=np.full(slots, -1, np.int64))
-            rehash(self.arrays)
+            enter(self.arrays, 0)
 
     def _reserve_rows(self, tiles: int, wide: int) -> None:
         used, used_wide = self.count, int(self.arrays.counts[WIDE_COUNT])
@@ -272,51 +269,6 @@ class TileStore:
         begin, end = (lo - tile_lo * side)[::-1], (hi - tile_lo * side)[::-1]
         cut = tuple(slice(a, b) for a, b in zip(begin, end, strict=True))
         return full.reshape(2, *(span * side))[(slice(None), *cut)].copy()
-
-    def counts_in(
-        self, begin: IntArray, side: int, unit: int, dtype: npt.DTypeLike
-    ) -> npt.NDArray[Any]:
-        """Weights of a cube or a square of cells as they are stored: hits, passes.
-
-        Args:
-            begin: its first cell, shape (ndim,), x first.
-            side: cells along its sides.
-            unit: units in one count; every weight is a multiple of it.
-            dtype: of unsigned integers that hold each count.
-
-        Returns:
-            Shape (2, side, side) or (2, side, side, side).
-        """
-        counts = np.zeros((2, *(side,) * self.ndim), dtype)
-        first, past = begin // self.side, -(-(begin + side) // self.side)
-        near = ((self.coords >= first) & (self.coords < past)).all(axis=1)
-        slots = np.flatnonzero(near)
-        shift = unit.bit_length() - 1
-        gather_counts(self.arrays, self.side, slots, begin, side, shift, counts.reshape(2, -1))
-        return counts
-
-    def fill_counts(self, begin: IntArray, unit: int, counts: npt.NDArray[Any]) -> None:
-        """Make the tiles of a square or a cube of cells that has none yet: `counts_in` undone.
-
-        Args:
-            begin: its first cell, a multiple of a tile's side, shape (ndim,), x first.
-            unit: units in one count.
-            counts: hits and passes of unsigned integers, shape (2, side, side) or
-                (2, side, side, side), side a multiple of a tile's.
-
-        Raises:
-            MapTooLargeError: no memory for the tiles; nothing has been added.
-        """
-        width, shift = counts.shape[1], unit.bit_length() - 1
-        flat = counts.reshape(2, -1)
-        most = np.empty((width // self.side) ** self.ndim, np.int64)
-        tiles_in(flat, width, self.side, self.ndim == 3, most)
-        some = most != 0
-        narrow = (most <= NARROW_MAX) if unit == 1 << FRACTION_BITS else np.zeros_like(some)
-        self.reserve(int(some.sum()), int((some & ~narrow).sum()))
-        key = np.zeros(self.ndim, np.int64)
-        first = begin // self.side
-        fill_tiles(self.arrays, self.side, flat, width, shift, first, most, key)
 
     def at(self, index: IntArray) -> tuple[IntArray, IntArray]:
         """Units of hits and passes of single cells, shape (n,) each; index has shape (n, ndim)."""

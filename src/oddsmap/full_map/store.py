@@ -18,12 +18,19 @@ import numpy.typing as npt
 from oddsmap.array_types import IntArray
 from oddsmap.config.config import Config
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.full_map.blocks import dense_box
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.limits import TILE_SIDE, memory_limit
+from oddsmap.map_files.chunk_blocks import (
+    ShardBlocks,
+    block_coords,
+    blocks_by_shard,
+    blocks_from_chunks,
+    used_blocks,
+)
+from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import FORMAT_VERSION, FULL_MAP, SHARD, new_folder
 from oddsmap.map_files.zarr_header import Header, check_place, read_header
-from oddsmap.map_files.zarr_shards import SavedShards
+from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
 from oddsmap.map_files.zarr_snapshot import read_unchanged, settled
 
 __all__ = ["FullMapFields", "is_full_map", "read_full_map", "save_full_map"]
@@ -86,13 +93,14 @@ def save_full_map(
         for name, dtype in _TYPES.items():
             folder.create(name, dtype, fills[name], {"description": _TEXTS[name]})
         cells: dict[str, npt.NDArray[Any]] = {"log_odds": full_map.values, "marks": full_map.marks}
-        for place in np.unique(begin, axis=0):
-            first = place * shard
-            box = (first, first + shard)
-            where = tuple(((first - lo)[::-1] // shard).tolist())
+
+        def write(part: ShardBlocks) -> None:
+            where = tuple((part.place - lo // shard)[::-1].tolist())
             for name, dtype in _TYPES.items():
-                value = dense_box(full_map.blocks, side, cells[name], fills[name], *box)
-                folder.write(name, where, value.astype(dtype))
+                own = cells[name][part.blocks].astype(dtype, copy=False)
+                folder.write(name, where, part.numbers, part.to_chunks(own, side, fills[name]))
+
+        do_side_by_side(write, blocks_by_shard(full_map.blocks, side))
         folder.seal(
             {
                 "format": FULL_MAP,
@@ -127,29 +135,33 @@ def _read(path: Path) -> FullMapFields:
     config = Config.from_dict(attributes["config"], str(path))
     _check(header, config)
     d = len(header.shape)
-    side, shard = TILE_SIDE[d], SHARD[d]
+    side = TILE_SIDE[d]
     prior = np.float32(header.arrays["log_odds"].fill_value)
-    coords, values, seen = [], [], []
-    shards, taken, limit = SavedShards(path, header), 0, memory_limit()
-    for place in shards.places(_TYPES):
-        cells = {name: _tiles(shards.read(name, place), side) for name in _TYPES}
-        log_odds, marks = cells["log_odds"], cells["marks"]
+    coords: list[IntArray] = []
+    values: list[npt.NDArray[Any]] = []
+    seen: list[npt.NDArray[Any]] = []
+    taken, limit = 0, memory_limit()
+
+    def blocks_of(chunks: SavedChunks) -> tuple[IntArray, npt.NDArray[Any], npt.NDArray[Any]]:
+        log_odds, marks = chunks.cells
         if not np.isfinite(log_odds).all():
             raise ValueError("log_odds holds values that are no numbers")
-        if marks.max() > REACHED:
+        if marks.max(initial=0) > REACHED:
             raise ValueError(f"marks holds {marks.max()}, and marks are 0, 1 or 2")
-        used = np.flatnonzero((log_odds != prior).any(axis=1) | marks.any(axis=1))
-        at = np.stack(np.unravel_index(used, (shard // side,) * d)[::-1], axis=1)
-        begin = np.array(place[::-1], np.int64) * shard + header.origin_cell
-        coords.append(at + begin // side)
-        values.append(log_odds[used])
-        seen.append(marks[used])
-        taken += coords[-1].nbytes + values[-1].nbytes + seen[-1].nbytes
-        if 2 * taken > limit:  # they lie side by side with what is made of them
-            raise MapTooLargeError(
-                f"{path}: more than {taken / 1e9:.1f} GB of cells, and this machine's memory of "
-                f"{limit / 1e9:.1f} GB would not hold them twice"
-            )
+        some = np.flatnonzero(used_blocks((log_odds != prior) | (marks != 0), side, d))
+        log_odds, marks = (blocks_from_chunks(cells, side, d, some) for cells in chunks.cells)
+        return block_coords(chunks.first, side, some), log_odds, marks
+
+    with SavedShards(path, header).read_all(tuple(_TYPES), blocks_of) as found:
+        for each in found:
+            for of_all, own in zip((coords, values, seen), each, strict=True):
+                of_all.append(own)
+            taken += sum(own.nbytes for own in each)
+            if 2 * taken > limit:  # they lie side by side with what is made of them
+                raise MapTooLargeError(
+                    f"{path}: more than {taken / 1e9:.1f} GB of cells, and this machine's memory "
+                    f"of {limit / 1e9:.1f} GB would not hold them twice"
+                )
     return FullMapFields(
         config,
         np.concatenate([np.empty((0, d), np.int64), *coords]),
@@ -179,11 +191,3 @@ def _check(header: Header, config: Config) -> None:
         raise ValueError(f"attribute sweeps is {sweeps!r:.40}")
     if type(residual) not in (int, float) or not residual >= 0:
         raise ValueError(f"attribute residual is {residual!r:.40}")
-
-
-def _tiles(box: npt.NDArray[Any], side: int) -> npt.NDArray[Any]:
-    """A cube of cells as rows of blocks: (ty, side, tx, side) becomes (ty, tx, side, side)."""
-    d, count = box.ndim, box.shape[0] // side
-    parts = box.reshape((count, side) * d)
-    order = [2 * axis for axis in range(d)] + [2 * axis + 1 for axis in range(d)]
-    return parts.transpose(order).reshape(count**d, side**d)

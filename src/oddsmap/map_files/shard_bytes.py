@@ -9,14 +9,18 @@ needs, and has threads that go on, and speak on stderr, after the first damaged 
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["pack_shard", "unpack_shard"]
+from oddsmap.array_types import IntArray
 
+__all__ = ["pack_shard", "shard_index", "unpack_chunk"]
+
+_LEVEL = 0  # of compression: zstd's own choice
 _EMPTY = (1 << 64) - 1  # offset and length of a chunk that is not written
 _ZSTD = b"\x28\xb5\x2f\xfd"
 # Of a zstd frame's header: bytes of the field for its length, by two bits, and of the dictionary's.
@@ -25,96 +29,116 @@ _FRAME_HEADER = 18
 _CASTAGNOLI = 0x82F63B78
 
 
-def pack_shard(cells: npt.NDArray[Any], chunk: int, fill_value: float) -> bytes | None:
+def pack_shard(
+    numbers: IntArray, chunks: npt.NDArray[Any], count: int, fill_value: float
+) -> bytes | None:
     """Pack a shard; chunks that hold nothing but the fill value are left out.
 
     Args:
-        cells: shape (side,) * d.
-        chunk: side of a chunk [cells].
+        numbers: of the chunks in the shard, in ascending order, shape (n,).
+        chunks: their cells, shape (n, cells of a chunk).
+        count: chunks in a shard.
         fill_value: of the array.
 
     Returns:
-        What `unpack_shard` takes; None where no chunk is left.
+        What `shard_index` and `unpack_chunk` take; None where no chunk is left.
     """
-    from numcodecs.zstd import Zstd
+    from numcodecs.zstd import compress
 
-    pack = Zstd(level=0, checksum=True)
-    grid = (cells.shape[0] // chunk,) * cells.ndim
-    little = cells.astype(cells.dtype.newbyteorder("<"), copy=False)
+    little = chunks.astype(chunks.dtype.newbyteorder("<"), copy=False)
     fill = little.dtype.type(fill_value)
-    index = np.full((grid[0] ** cells.ndim, 2), _EMPTY, "<u8")
+    some = np.flatnonzero((little if fill == 0 else little != fill).any(axis=1)).tolist()
+    if len(some) == 0:
+        return None
+    index = np.full((count, 2), _EMPTY, "<u8")
     frames, at = [], 0
-    for number, place in enumerate(np.ndindex(grid)):
-        block = little[tuple(slice(i * chunk, (i + 1) * chunk) for i in place)]
-        if not (block != fill).any():
-            continue
-        frame = bytes(pack.encode(np.ascontiguousarray(block)))
+    for number, row in zip(numbers[some].tolist(), some, strict=True):
+        frame = compress(little[row], _LEVEL, True)
         index[number] = at, len(frame)
         frames.append(frame)
         at += len(frame)
-    if not frames:
-        return None
     end = index.tobytes()
     return b"".join([*frames, end, _crc32c(end).to_bytes(4, "little")])
 
 
-def unpack_shard(content: bytes, cells: npt.NDArray[Any], chunk: int, name: str) -> None:
-    """Unpack the chunks of a shard that are written.
+def shard_index(content: bytes, count: int, name: str) -> dict[int, bytes]:
+    """Find the chunks of a shard that are written, in ascending order of their numbers.
 
     Args:
         content: of the file: chunks as zstd frames, then their offsets and lengths as uint64, then
             the CRC-32C of those (Zarr's sharding_indexed).
-        cells: filled, shape (side,) * d.
-        chunk: side of a chunk [cells].
+        count: chunks in a shard.
         name: of the file, for messages.
 
-    Raises:
-        ValueError: its index is damaged or leads outside it, or a chunk is damaged. One that says
-            that it is of another size is not unpacked.
-    """
-    from numcodecs.zstd import Zstd
+    Returns:
+        The frame of each, by its number.
 
-    d, dtype = cells.ndim, cells.dtype.newbyteorder("<")
-    grid = (cells.shape[0] // chunk,) * d
-    size, index_at = chunk**d * dtype.itemsize, len(content) - 16 * grid[0] ** d - 4
+    Raises:
+        ValueError: its index is damaged or leads outside it.
+    """
+    index_at = len(content) - 16 * count - 4
     if index_at < 0:
         raise ValueError(f"{name} has {len(content)} bytes, less than its index")
     if _crc32c(content[index_at:-4]) != int.from_bytes(content[-4:], "little"):
         raise ValueError(f"the index of {name} does not match its checksum")
     index = np.frombuffer(content[index_at:-4], "<u8").reshape(-1, 2).tolist()
-    unpack = Zstd()
+    frames = {}
     for number, (start, length) in enumerate(index):
         if start == length == _EMPTY:
             continue
         if start + length > index_at:
             raise ValueError(f"a chunk of {name} lies outside the file")
-        frame = content[start : start + length]
-        if _unpacked_bytes(frame[:_FRAME_HEADER]) != size:
-            raise ValueError(f"a chunk of {name} does not unpack to {size} bytes")
-        try:
-            block = np.frombuffer(unpack.decode(frame), dtype).reshape((chunk,) * d)
-        except (RuntimeError, ValueError):
-            raise ValueError(f"a chunk of {name} cannot be unpacked") from None
-        at = np.unravel_index(number, grid)
-        cells[tuple(slice(int(i) * chunk, (int(i) + 1) * chunk) for i in at)] = block
+        frames[number] = content[start : start + length]
+    return frames
+
+
+def unpack_chunk(frame: bytes, cells: npt.NDArray[Any], name: str) -> None:
+    """Unpack a chunk.
+
+    Args:
+        frame: as `shard_index` gives it.
+        cells: filled, shape (cells of a chunk,).
+        name: of its file, for messages.
+
+    Raises:
+        ValueError: it is damaged. One that says that it is of another size is not unpacked.
+    """
+    from numcodecs.zstd import decompress
+
+    if _unpacked_bytes(frame[:_FRAME_HEADER]) != cells.nbytes:
+        raise ValueError(f"a chunk of {name} does not unpack to {cells.nbytes} bytes")
+    try:
+        decompress(frame, cells)
+    except (RuntimeError, ValueError):
+        raise ValueError(f"a chunk of {name} cannot be unpacked") from None
+    if sys.byteorder == "big":
+        cells.byteswap(inplace=True)
 
 
 @cache
-def _crc_table() -> list[int]:
-    table = []
-    for value in range(256):
-        for _ in range(8):
-            value = (value >> 1) ^ (_CASTAGNOLI if value & 1 else 0)
-        table.append(value)
-    return table
+def _crc_tables(length: int) -> npt.NDArray[np.uint32]:
+    """What a byte adds to the CRC-32C of so many bytes, by its place and its value."""
+    table = np.arange(256, dtype=np.uint32)
+    for _ in range(8):
+        table[:] = (table >> 1) ^ (table & 1) * np.uint32(_CASTAGNOLI)
+    tables = np.empty((length, 256), np.uint32)
+    tables[-1] = table
+    for place in range(length - 2, -1, -1):
+        later = tables[place + 1]
+        tables[place] = (later >> 8) ^ table[later & 0xFF]
+    return tables
 
 
 def _crc32c(content: bytes) -> int:
-    """CRC-32C (Castagnoli) of some bytes; an index has a thousand."""
-    table, value = _crc_table(), 0xFFFFFFFF
-    for byte in content:
-        value = (value >> 8) ^ table[(value ^ byte) & 0xFF]
-    return value ^ 0xFFFFFFFF
+    """CRC-32C (Castagnoli) of some bytes, four at least.
+
+    It is linear: the sum (XOR) of what each byte adds on its own. All at once they take 20 us for
+    an index of 1024 bytes, one after the other 240.
+    """
+    values = np.frombuffer(content, np.uint8).copy()
+    values[:4] ^= 0xFF
+    each = _crc_tables(len(values))[np.arange(len(values)), values]
+    return int(np.bitwise_xor.reduce(each)) ^ 0xFFFFFFFF
 
 
 def _unpacked_bytes(frame: bytes) -> int | None:

@@ -19,9 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.map_files.shard_bytes import pack_shard
+from oddsmap.map_files.zarr_metadata import array_json, group_json
 
 if TYPE_CHECKING:
     import numpy.typing as npt
+
+    from oddsmap.array_types import IntArray
 
 __all__ = [
     "ARRAYS",
@@ -49,7 +52,6 @@ CHUNK = {2: 128, 3: 32}
 """Side of a chunk [cells], the unit of compression."""
 SHARD = {2: 1024, 3: 128}
 """Side of a shard [cells], which is one file."""
-_AXES = ("z", "y", "x")
 
 # What `digest` covers. Other attributes are other people's.
 _OF_GROUP = (
@@ -74,12 +76,10 @@ class NewFolder:
     """
 
     def __init__(self, path: Path, shape: tuple[int, ...]) -> None:
-        import zarr
-
         self.path, self.shape = path, shape
         self.save = secrets.token_hex(16)
         self._fills: dict[str, float] = {}
-        self._root = zarr.open_group(path, mode="w", zarr_format=3)
+        path.mkdir()
 
     def create(
         self,
@@ -89,44 +89,42 @@ class NewFolder:
         attributes: Mapping[str, Any],
     ) -> None:
         """Make an array, which is filled shard by shard."""
-        from zarr.codecs import ZstdCodec
-
         d = len(self.shape)
         self._fills[name] = fill_value
-        self._root.create_array(
-            name,
-            shape=self.shape,
-            chunks=(CHUNK[d],) * d,
-            shards=(SHARD[d],) * d,
-            dtype=dtype,
-            fill_value=fill_value,
-            compressors=ZstdCodec(checksum=True),
-            dimension_names=_AXES[-d:],
-            attributes={**attributes, "save": self.save},
-        )
+        own = {**attributes, "save": self.save}
+        text = array_json(self.shape, SHARD[d], CHUNK[d], dtype, fill_value, own)
+        (self.path / name).mkdir()
+        (self.path / name / "zarr.json").write_text(text, encoding="ascii")
 
-    def write(self, name: str, place: tuple[int, ...], cells: npt.NDArray[Any]) -> None:
-        """Write a shard of an array; one that is empty has no file.
+    def write(
+        self, name: str, place: tuple[int, ...], numbers: IntArray, chunks: npt.NDArray[Any]
+    ) -> None:
+        """Write a shard of an array; one that is empty has no file. Threads may write several.
 
         Args:
             name: of the array.
             place: of the shard, in shards, z before y before x.
-            cells: of the array's type, shape (side,) * d.
+            numbers: of its chunks that may hold something, in ascending order, x fastest, shape
+                (n,).
+            chunks: their cells, of the array's type, shape (n, chunk^d), x fastest.
         """
-        content = pack_shard(cells, CHUNK[cells.ndim], self._fills[name])
+        d = len(self.shape)
+        count = (SHARD[d] // CHUNK[d]) ** d
+        content = pack_shard(numbers, chunks, count, self._fills[name])
         if content is not None:
             file = self.path.joinpath(name, "c", *map(str, place))
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
 
     def seal(self, attributes: Mapping[str, object]) -> None:
-        """Write the group's attributes once all shards are written."""
+        """Write the group, once all shards are written."""
         d = len(self.shape)
         written = {name: shard_files(self.path, name, d) for name in self._fills}
         # As a reader will have them: a tuple is a list there.
         own = json.loads(json.dumps({**attributes, "shards": written, "save": self.save}))
         arrays = {name: read_json(self.path / name / "zarr.json") for name in self._fills}
-        self._root.attrs.update({**own, "digest": digest_of(own, arrays)})
+        text = group_json({**own, "digest": digest_of(own, arrays)})
+        (self.path / "zarr.json").write_text(text, encoding="ascii")
 
 
 @contextmanager

@@ -3,18 +3,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.map_files.shard_bytes import unpack_shard
+from oddsmap.array_types import IntArray
+from oddsmap.map_files.shard_bytes import shard_index, unpack_chunk
+from oddsmap.map_files.side_by_side import side_by_side
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD, shard_files
 from oddsmap.map_files.zarr_header import Header
 
-__all__ = ["SavedShards"]
+__all__ = ["SavedChunks", "SavedShards"]
+
+T = TypeVar("T")
+
+
+class SavedChunks(NamedTuple):
+    """Some chunks of a shard, unpacked."""
+
+    first: IntArray
+    """The first cell of each, shape (n, d), x first."""
+    cells: list[npt.NDArray[Any]]
+    """Of each array that was asked for, shape (n, chunk^d), x fastest; the fill value where a chunk
+    is written in another array alone."""
 
 
 class SavedShards:
@@ -51,20 +66,96 @@ class SavedShards:
                 raise ValueError(f"a file of shard {place} lies outside the map")
         return sorted(found)
 
-    def read(self, name: str, place: tuple[int, ...]) -> npt.NDArray[Any]:
-        """All cells of a shard, shape (side,) * d; the fill value where it has no file.
+    @contextmanager
+    def read_all(
+        self,
+        names: Sequence[str],
+        work: Callable[[SavedChunks], T],
+        lo: IntArray | None = None,
+        hi: IntArray | None = None,
+    ) -> Iterator[Iterator[T]]:
+        """Read shard after shard, in threads; errors as in `read` and `places`.
+
+        Args:
+            names: of the arrays.
+            work: what to do with what a shard holds, in its thread.
+            lo: as in `read`.
+            hi: likewise.
+
+        Yields:
+            What comes of it, in the order of the shards.
+        """
+        side = SHARD[self.ndim]
+        chosen = []
+        for place in self.places(names):
+            begin = self._begin(place)
+            if lo is not None and (begin + side <= lo).any():
+                continue
+            if hi is not None and (begin >= hi).any():
+                continue
+            chosen.append(place)
+        with side_by_side(lambda place: work(self.read(names, place, lo, hi)), chosen) as found:
+            yield found
+
+    def read(
+        self,
+        names: Sequence[str],
+        place: tuple[int, ...],
+        lo: IntArray | None = None,
+        hi: IntArray | None = None,
+    ) -> SavedChunks:
+        """The chunks of a shard that are written in any of some arrays.
+
+        Args:
+            names: of the arrays.
+            place: of the shard, in shards, z before y before x.
+            lo: only chunks with a cell from this one on, shape (d,), x first.
+            hi: only chunks with a cell before this one.
 
         Raises:
             ValueError: it is damaged.
         """
-        array = self.header.arrays[name]
-        cells = np.full((SHARD[self.ndim],) * self.ndim, array.fill_value, array.dtype)
+        d = self.ndim
+        chunk, grid = CHUNK[d], SHARD[d] // CHUNK[d]
+        frames = [self._frames(name, place) for name in names]
+        numbers = np.array(sorted(set().union(*frames)), np.int64)
+        at = np.stack(np.unravel_index(numbers, (grid,) * d)[::-1], axis=1)
+        first = self._begin(place) + at * chunk
+        chosen = np.ones(len(numbers), np.bool_)
+        if lo is not None:
+            chosen &= (first + chunk > lo).all(axis=1)
+        if hi is not None:
+            chosen &= (first < hi).all(axis=1)
+        numbers, first = numbers[chosen], first[chosen]
+        cells = []
+        for name, own in zip(names, frames, strict=True):
+            array = self.header.arrays[name]
+            found = np.empty((len(numbers), chunk**d), array.dtype)
+            file = self._file(name, place)
+            for row, number in zip(found, numbers.tolist(), strict=True):
+                if number in own:
+                    unpack_chunk(own[number], row, file)
+                else:
+                    row[:] = array.fill_value
+            cells.append(found)
+        return SavedChunks(first, cells)
+
+    def _frames(self, name: str, place: tuple[int, ...]) -> dict[int, bytes]:
+        """The written chunks of a shard of one array, packed, by their numbers."""
         file = self.path / self._file(name, place)
-        if file.exists():
-            if file.stat().st_size > 2 * cells.nbytes:  # what cannot be packed is hardly longer
-                raise ValueError(f"{self._file(name, place)} is larger than its cells")
-            unpack_shard(file.read_bytes(), cells, CHUNK[self.ndim], self._file(name, place))
-        return cells
+        if not file.exists():
+            return {}
+        d, dtype = self.ndim, self.header.arrays[name].dtype
+        # What cannot be packed is hardly longer.
+        if file.stat().st_size > 2 * SHARD[d] ** d * dtype.itemsize:
+            raise ValueError(f"{self._file(name, place)} is larger than its cells")
+        count = (SHARD[d] // CHUNK[d]) ** d
+        return shard_index(file.read_bytes(), count, self._file(name, place))
+
+    def _begin(self, place: tuple[int, ...]) -> IntArray:
+        """The first cell of a shard, x first."""
+        cells: IntArray = np.array(place[::-1], np.int64) * SHARD[self.ndim]
+        return cells + self.header.origin_cell
 
     def _file(self, name: str, place: tuple[int, ...]) -> str:
         return f"{name}/c/{'/'.join(map(str, place))}"

@@ -22,13 +22,13 @@ __all__ = [
     "TileArrays",
     "add_tiles",
     "add_units",
+    "enter",
     "find",
     "find_or_insert",
     "flush",
     "grow_load",
     "has_room",
     "make_room_for_vote",
-    "rehash",
     "wide_row",
 ]
 
@@ -110,10 +110,10 @@ def find_or_insert(tiles: TileArrays, key: npt.NDArray[np.int64]) -> int:
 
 
 @borrowing
-def rehash(tiles: TileArrays) -> None:
-    """Fill an empty table from the coordinates."""
+def enter(tiles: TileArrays, first: int) -> None:
+    """Enter the tiles from a slot on into the table, which has none of them."""
     mask = np.uint64(tiles.table.shape[0] - 1)
-    for slot in range(tiles.counts[TILE_COUNT]):
+    for slot in range(first, tiles.counts[TILE_COUNT]):
         at = _hash(tiles.coords[slot]) & mask
         while tiles.table[at] >= 0:
             at = (at + np.uint64(1)) & mask
