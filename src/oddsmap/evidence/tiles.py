@@ -21,10 +21,10 @@ from oddsmap.kernels.vote.tile_census import (
     PASS_UNITS,
     PASS_VOTES,
     TOTALS,
-    list_cells,
     take_census,
 )
 from oddsmap.kernels.vote.tile_filling import fill_tiles, tiles_in
+from oddsmap.kernels.vote.tile_listing import list_cells
 from oddsmap.kernels.vote.tile_lookup import gather_counts, look_up
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
@@ -37,11 +37,13 @@ from oddsmap.kernels.vote.tiles import (
 )
 from oddsmap.limits import memory_limit
 
-__all__ = ["HEAVIEST", "Census", "TileStore"]
+__all__ = ["HEAVIEST", "PART", "Census", "TileStore"]
 
 HEAVIEST = MAX_UNITS + (255 << FRACTION_BITS)
 """The most units of a cell: 255 whole votes are counted apart before the limit is looked at."""
 
+PART = 1 << 16
+"""Cells handled at a time where not all need be: what is made of them stays in the cache."""
 
 # Slots of an empty hash table, a power of two.
 _MIN_SLOTS = 16
@@ -245,18 +247,28 @@ class TileStore:
         Returns:
             index, shape (n, ndim), x first; units of hits and passes, shape (n,) each.
         """
+        for whole in self.parts(self.census().cells):
+            return whole
+        nothing = np.empty(0, np.int64)
+        return np.empty((0, self.ndim), np.int64), nothing, nothing
+
+    def parts(self, most: int = PART) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
+        """As `cells`, some cells at a time: `most`, and no more than a row of cells beyond that."""
+        if self.count == 0:
+            return
         coords = self.coords
         order = np.lexsort(coords.T)
         # Where another row of tiles begins.
-        rows = (np.diff(coords[order, 1:], axis=0) != 0).any(axis=1)
-        starts = np.concatenate([[0], np.flatnonzero(rows) + 1, [len(order)]]).astype(np.int64)
-        if len(order) == 0:
-            starts = starts[:1]
-        count = self.census().cells
-        index = np.empty((count, self.ndim), np.int64)
-        hits, passes = np.empty(count, np.int64), np.empty(count, np.int64)
-        list_cells(self.arrays, self.side, order, starts, index, hits, passes)
-        return index, hits, passes
+        begin = (np.diff(coords[order, 1:], axis=0) != 0).any(axis=1)
+        rows = np.concatenate([[0], np.flatnonzero(begin) + 1, [len(order)]]).astype(np.int64)
+        room = most + self.side * int(np.diff(rows).max())
+        at = np.zeros(1, np.int64)
+        while at[0] >= 0:
+            index = np.empty((room, self.ndim), np.int64)
+            hits, passes = np.empty(room, np.int64), np.empty(room, np.int64)
+            found = list_cells(self.arrays, self.side, order, rows, at, index, hits, passes)
+            if found:
+                yield index[:found], hits[:found], passes[:found]
 
     def region(self, lo: IntArray, hi: IntArray) -> IntArray:
         """Units of a box of cells, shape (2, ny, nx) or (2, nz, ny, nx): hits, passes."""

@@ -20,7 +20,10 @@ Source: Thrun, Burgard, Fox: Probabilistic Robotics (2005), table 9.1 and equati
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,10 +33,15 @@ from oddsmap.cell_index import cell_indices
 from oddsmap.errors import ConfigError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
+from oddsmap.evidence.octree_order import has_octree_order
 from oddsmap.kernels.units import ONE
+from oddsmap.map_files.fields import Leaves, OfLogOdds
+from oddsmap.map_files.octomap_writer import HALF
 from oddsmap.odds import Thresholds, logit
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import MapLike, PriorMap
+from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
+from oddsmap.posterior.vote_table import VoteTable
 
 __all__ = ["LogOdds"]
 
@@ -189,6 +197,31 @@ class LogOdds(Belief):
             observed=np.ones(len(index), np.bool_),
             resolution=self.evidence.resolution,
             force=force,
+        )
+
+    def parts(self, function: OfLogOdds) -> Iterator[tuple[IntArray, npt.NDArray[Any]]]:
+        """The cells with evidence, some at a time: see `Belief.parts`; in order of their index."""
+        values = self._of_cells(function)
+        for index, hits, passes in self.evidence.tiles.parts():
+            yield index, values(hits, passes, partial(np.asarray, index))
+
+    def leaves(self) -> Leaves:
+        """The cells with evidence of a 3D map as leaves of an octree: see `Belief.leaves`."""
+        tiles, base = self.evidence.tiles, np.full(self.ndim, -HALF)
+        box = self.evidence.census().bounds
+        inside = box is None or bool((box[0] >= base).all() and (box[1] <= -base).all())
+        if inside and has_octree_order(tiles, base):
+            return TileLeaves(tiles, self.resolution, base, box, self._of_cells)
+        return super().leaves()
+
+    def _of_cells(self, function: OfLogOdds) -> OfCells:
+        """A function of log odds as one of cells."""
+        prior = self.prior_map
+        if prior is None:
+            table = VoteTable(lambda hits, passes: function(self.of_votes(hits, passes)))
+            return lambda hits, passes, _: table(hits, passes)
+        return lambda hits, passes, index: function(
+            self.of_votes(hits / ONE, passes / ONE, prior.at(index()))
         )
 
     def known_log_odds(self) -> tuple[IntArray, FloatArray]:
