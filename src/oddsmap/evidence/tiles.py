@@ -252,21 +252,34 @@ class TileStore:
         nothing = np.empty(0, np.int64)
         return np.empty((0, self.ndim), np.int64), nothing, nothing
 
-    def parts(self, most: int = PART) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
-        """As `cells`, some cells at a time: `most`, and no more than a row of cells beyond that."""
-        if self.count == 0:
-            return
+    def parts(
+        self, most: int = PART, *, last_axis: tuple[int, int] | None = None
+    ) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
+        """As `cells`, some cells at a time.
+
+        Args:
+            most: how many, and no more than a row of cells beyond that.
+            last_axis: only tiles with cells from the first of these indices on and before the
+                second, along the last axis.
+        """
         coords = self.coords
         order = np.lexsort(coords.T)
+        if last_axis is not None:
+            first, past = last_axis[0] // self.side, -(-last_axis[1] // self.side)
+            order = order[(coords[order, -1] >= first) & (coords[order, -1] < past)]
+        if len(order) == 0:
+            return
         # Where another row of tiles begins.
         begin = (np.diff(coords[order, 1:], axis=0) != 0).any(axis=1)
         rows = np.concatenate([[0], np.flatnonzero(begin) + 1, [len(order)]]).astype(np.int64)
         room = most + self.side * int(np.diff(rows).max())
+        narrow = self.arrays.narrow
+        words = narrow.view(np.uint64) if self.side % 8 == 0 else np.empty((0, 2, 0), np.uint64)
         at = np.zeros(1, np.int64)
         while at[0] >= 0:
             index = np.empty((room, self.ndim), np.int64)
             hits, passes = np.empty(room, np.int64), np.empty(room, np.int64)
-            found = list_cells(self.arrays, self.side, order, rows, at, index, hits, passes)
+            found = list_cells(self.arrays, self.side, order, rows, words, at, index, hits, passes)
             if found:
                 yield index[:found], hits[:found], passes[:found]
 

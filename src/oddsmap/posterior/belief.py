@@ -94,11 +94,15 @@ class Belief(ABC):
         index, log_odds = self.known_log_odds()
         return index, sigmoid(log_odds)
 
-    def parts(self, function: OfLogOdds) -> Iterator[tuple[IntArray, npt.NDArray[Any]]]:
+    def parts(
+        self, function: OfLogOdds, *, z: tuple[int, int] | None = None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[Any]]]:
         """The observed cells, some at a time: index, shape (n, d), and a function of log odds.
 
         Args:
             function: element by element.
+            z: layers of cells, first and past the last, outside which cells of a 3D map may be left
+                out.
         """
         index, log_odds = self.known_log_odds()
         yield index, function(log_odds)

@@ -25,6 +25,7 @@ def list_cells(
     side: int,
     order: IntArray,
     rows: IntArray,
+    words: npt.NDArray[np.uint64],
     at: IntArray,
     index: IntArray,
     hits: IntArray,
@@ -39,6 +40,8 @@ def list_cells(
         side: cells along the side of a tile.
         order: slots of the tiles in order of their coordinates, x changing fastest, shape (n,).
         rows: where tiles of another y or z begin in `order`, and its end.
+        words: `tiles.narrow`, eight cells at a time, to pass over many at once; of size 0 where a
+            tile's side is no multiple of eight.
         at: at[0] is the number of the row of cells to begin with, 0 at first; then of the one to go
             on with, -1 at the end.
         index: filled, shape (room, d), x first; room for the longest row at least.
@@ -60,12 +63,7 @@ def list_cells(
                 break
             past += 1
         here = (past - first) * side * layers
-        begin = at[0] - number
-        if begin >= here:
-            number += here
-            first = past
-            continue
-        for place in range(max(begin, 0), here):
+        for place in range(max(at[0] - number, 0), here):
             z = place // ((past - first) * side)
             run = first + place // side % (past - first)
             y = place % side
@@ -76,17 +74,22 @@ def list_cells(
             for i in range(rows[run], rows[run + 1]):
                 slot = order[i]
                 row = tiles.wide_of[slot]
-                for x in range(side):
-                    h = weight_of(tiles, slot, row, HITS, along + x)
-                    p = weight_of(tiles, slot, row, PASSES, along + x)
-                    if h | p == 0:
-                        continue
-                    index[found, 0] = tiles.coords[slot, 0] * side + x
-                    index[found, 1] = tiles.coords[slot, 1] * side + y
-                    if in_space:
-                        index[found, 2] = z_tile * side + z
-                    hits[found], passes[found] = h, p
-                    found += 1
+                for begin in range(0, side, 8):
+                    if row < 0 and words.shape[2] > 0:
+                        word = (along + begin) >> 3
+                        if words[slot, HITS, word] | words[slot, PASSES, word] == 0:
+                            continue
+                    for x in range(begin, min(begin + 8, side)):
+                        h = weight_of(tiles, slot, row, HITS, along + x)
+                        p = weight_of(tiles, slot, row, PASSES, along + x)
+                        if h | p == 0:
+                            continue
+                        index[found, 0] = tiles.coords[slot, 0] * side + x
+                        index[found, 1] = tiles.coords[slot, 1] * side + y
+                        if in_space:
+                            index[found, 2] = z_tile * side + z
+                        hits[found], passes[found] = h, p
+                        found += 1
         number += here
         first = past
     at[0] = -1
