@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,8 @@ from oddsmap.kernels.units import ONE
 from oddsmap.map_files.octomap_writer import save_octomap
 from oddsmap.map_files.ply import save_ply
 from oddsmap.odds import sigmoid
+from oddsmap.posterior import reflection
+from oddsmap.posterior.beta import beta_interval
 from oddsmap.posterior.tile_leaves import TileLeaves
 
 
@@ -95,12 +99,50 @@ def test_cells(name: str) -> None:
     assert [p for _, part in parts for p in part.tolist()] == probability.tolist()
 
 
+@pytest.mark.parametrize("part", [1, 4])
+@pytest.mark.parametrize("ndim", [2, 3])
+@pytest.mark.parametrize("name", ["log odds", "a prior map", "reflection"])
+def test_arrays(
+    name: str, ndim: int, part: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grid = noise(ndim=ndim, part=part, most=300)
+    index, hits, passes = grid.cells()
+    view: oddsmap.LogOdds | oddsmap.Reflection = grid.log_odds()
+    extra: dict[str, Any] = {}
+    if name == "a prior map":
+        view = prior(grid)
+    if isinstance(view, oddsmap.LogOdds) and name != "reflection":
+        probability = view.cells()[1]
+    else:
+        grid.config = dataclasses.replace(
+            grid.config, map=dataclasses.replace(grid.config.map, votes="beam")
+        )
+        view = grid.reflection(kind="highest-density")
+        _, alpha, beta = view.cells()
+        lower, upper = beta_interval(alpha, beta, 0.95, "highest-density")
+        total = alpha + beta
+        probability, std = alpha / total, np.sqrt(alpha / total * (beta / total) / (total + 1.0))
+        extra = {"std": std, "lower": lower, "upper": upper}
+    view.save_npz(tmp_path / "few.npz")
+    monkeypatch.setattr(reflection, "_FEW", 0)
+    view.save_npz(tmp_path / "some at a time.npz")
+    with (tmp_path / "plain.npz").open("wb") as file:
+        np.savez_compressed(
+            file, index=index, hits=hits / ONE, passes=passes / ONE,
+            probability=probability.astype(np.float32), observed=np.ones(len(index), np.bool_),
+            resolution=np.float64(0.25), **{k: v.astype(np.float32) for k, v in extra.items()},
+        )  # fmt: skip
+    expected = (tmp_path / "plain.npz").read_bytes()
+    assert (tmp_path / "few.npz").read_bytes() == expected
+    assert (tmp_path / "some at a time.npz").read_bytes() == expected
+
+
 def test_a_plane_has_no_leaves() -> None:
     with pytest.raises(oddsmap.InputError, match="needs a 3D map"):
         noise(ndim=2).log_odds().leaves()
 
 
-@pytest.mark.parametrize("suffix", [".bt", ".ot", ".ply"])
+@pytest.mark.parametrize("suffix", [".bt", ".ot", ".ply", ".npz"])
 def test_memory_does_not_grow_with_the_cells(suffix: str, tmp_path: Path) -> None:
     def save(side: int) -> int:
         """What an export takes at most beside the map [bytes]."""
@@ -109,7 +151,7 @@ def test_memory_does_not_grow_with_the_cells(suffix: str, tmp_path: Path) -> Non
         hits = index.sum(axis=1) % 3 * ONE
         grid.add_cells(index, hits, ONE - hits // 2)
         view, path = grid.log_odds(), tmp_path / f"{side}{suffix}"
-        write = view.save_ply if suffix == ".ply" else view.save_octomap
+        write = {".ply": view.save_ply, ".npz": view.save_npz}.get(suffix, view.save_octomap)
         write(path)  # compiles, and imports
         tracemalloc.start()
         write(path, force=True)

@@ -37,7 +37,7 @@ from oddsmap.evidence.octree_order import has_octree_order
 from oddsmap.kernels.units import ONE
 from oddsmap.map_files.fields import Leaves, OfLogOdds
 from oddsmap.map_files.octomap_writer import HALF
-from oddsmap.odds import Thresholds, logit
+from oddsmap.odds import Thresholds, logit, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import MapLike, PriorMap
 from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
@@ -185,24 +185,26 @@ class LogOdds(Belief):
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write cells, counts and probabilities: see `oddsmap.map_files.npz.save_npz`."""
-        from oddsmap.map_files.npz import save_npz
+        from oddsmap.map_files.npz import Column, all_true, save_npz
 
-        index, hits, passes = self.evidence.cells()
+        tiles, count = self.evidence.tiles, self.evidence.cell_count()
         save_npz(
             Path(path),
-            index=index,
-            hits=hits / ONE,
-            passes=passes / ONE,
-            probability=self.cells()[1].astype(np.float32),
-            observed=np.ones(len(index), np.bool_),
-            resolution=self.evidence.resolution,
+            index=Column((count, self.ndim), lambda: (index for index, _, _ in tiles.parts())),
+            hits=Column((count,), lambda: (hits / ONE for _, hits, _ in tiles.parts())),
+            passes=Column((count,), lambda: (passes / ONE for _, _, passes in tiles.parts())),
+            probability=Column((count,), lambda: (p for _, p in self.parts(_single_probability))),
+            observed=all_true(count),
+            resolution=self.resolution,
             force=force,
         )
 
-    def parts(self, function: OfLogOdds) -> Iterator[tuple[IntArray, npt.NDArray[Any]]]:
+    def parts(
+        self, function: OfLogOdds, *, z: tuple[int, int] | None = None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[Any]]]:
         """The cells with evidence, some at a time: see `Belief.parts`; in order of their index."""
         values = self._of_cells(function)
-        for index, hits, passes in self.evidence.tiles.parts():
+        for index, hits, passes in self.evidence.tiles.parts(last_axis=z):
             yield index, values(hits, passes, partial(np.asarray, index))
 
     def leaves(self) -> Leaves:
@@ -232,3 +234,7 @@ class LogOdds(Belief):
 
     def _notes(self) -> dict[str, object]:
         return {"prior": self.prior if self.prior_map is None else "map"}
+
+
+def _single_probability(log_odds: FloatArray) -> npt.NDArray[np.float32]:
+    return sigmoid(log_odds).astype(np.float32)
