@@ -15,7 +15,7 @@ itself; docs/formats.md lists every attribute.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -150,7 +150,14 @@ def read_map(
     return evidence
 
 
-def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -> E:
+def _read(
+    path: Path,
+    kind: type[E],
+    lo: IntArray | None,
+    hi: IntArray | None,
+    take: Callable[[E], None] | None = None,
+) -> E:
+    """Read a map once; `take` gets what each shard holds, and then the map is empty again."""
     if format_of(path) == FULL_MAP:
         raise InputError(
             f"{path}: a full map, which has no hits and passes: read it with oddsmap.load_full_map"
@@ -182,6 +189,9 @@ def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -
                 weights = [np.zeros_like(weights[0]), *weights]
             unit = _unit_of(header.arrays[names[0]].attributes, names[0])
             tiles.fill_counts(begin, unit, np.stack(weights))
+            if take is not None:
+                take(evidence)
+                tiles.clear()
     return evidence
 
 

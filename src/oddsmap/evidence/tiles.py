@@ -155,6 +155,10 @@ class TileStore:
         per_tile: int = 2 * self.side**self.ndim
         return tiles * (8 * self.ndim + 5 + per_tile) + 8 * wide * per_tile
 
+    def clear(self) -> None:
+        """Forget all tiles."""
+        self.arrays = self._empty(0, 0)
+
     def reserve(self, tiles: int, wide: int) -> None:
         """Make room for that many more tiles and wide rows.
 
