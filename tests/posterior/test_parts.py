@@ -137,6 +137,21 @@ def test_arrays(
     assert (tmp_path / "some at a time.npz").read_bytes() == expected
 
 
+@pytest.mark.parametrize("options", [{}, {"prior": 0.2}, {"clamp": (0.3, 0.8)}])
+@pytest.mark.parametrize("part", [1, 4])
+def test_a_plane(part: int, options: dict[str, Any]) -> None:
+    grid = noise(ndim=2, part=part, most=300)
+    for view in (grid.log_odds(**options), grid.like().log_odds(**options), prior(grid)):
+        plane = view.to_probability_map()
+        assert plane.probability.tolist() == view.probability().tolist()
+        assert plane.observed.tolist() == view.observed().tolist()
+        box = view.bounds()
+        if box is not None:
+            assert plane.origin == (box[0][0] * 0.25, box[0][1] * 0.25)
+            part_of_it = view.to_probability_map((box[0] + 2, box[1]))
+            assert part_of_it.probability.tolist() == plane.probability[2:, 2:].tolist()
+
+
 def test_a_plane_has_no_leaves() -> None:
     with pytest.raises(oddsmap.InputError, match="needs a 3D map"):
         noise(ndim=2).log_odds().leaves()

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["cell_colours", "round_length", "save_png"]
+__all__ = ["bands", "cell_colours", "round_length", "save_png"]
 
 _FREE = (255.0, 255.0, 255.0)
 _OCCUPIED = (17.0, 20.0, 26.0)
@@ -244,22 +244,30 @@ def _draw_cells(axes: Axes, grid: ProbabilityMap, layout: _Layout) -> None:
     x, y = layout.columns.start * r, layout.rows.start * r
     side = r * layout.block
     axes.set_facecolor(_hex(_UNKNOWN))
-    whole = picture.shape[0]
-    # Turned bands would have seams.
-    rows = whole if grid.yaw else max(1, _BAND // (picture.shape[1] * layout.scale**2))
-    for first in range(0, whole, rows):
-        past = min(first + rows, whole)
+    for rows in bands(picture.shape, layout, grid.yaw):
         axes.imshow(
-            picture[first:past],
+            picture[rows],
             origin="lower",
             interpolation="nearest",
             aspect="auto",  # equal by the layout, to the pixel
-            extent=(x, x + side * picture.shape[1], y + side * first, y + side * past),
+            extent=(x, x + side * picture.shape[1], y + side * rows.start, y + side * rows.stop),
             transform=Affine2D().rotate(grid.yaw).translate(*grid.origin) + axes.transData,
         )
     x0, x1, y0, y1 = layout.limits
     axes.set_xlim(x0, x1)  # imshow moves the limits
     axes.set_ylim(y0, y1)
+
+
+def bands(shape: tuple[int, ...], layout: _Layout, yaw: float) -> list[slice]:
+    """Rows of an image of cells, or of blocks, to be drawn together: whole pixels high.
+
+    Args:
+        shape: of the image.
+        layout: of the picture.
+        yaw: of the grid; bands that are turned would have seams, so then it is one.
+    """
+    rows = shape[0] if yaw else max(1, _BAND // (shape[1] * layout.scale**2))
+    return [slice(at, min(at + rows, shape[0])) for at in range(0, shape[0], rows)]
 
 
 def _draw_trajectory(axes: Axes, line: npt.NDArray[np.float64]) -> None:

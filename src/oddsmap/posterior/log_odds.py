@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
-from oddsmap.cell_index import cell_indices
+from oddsmap.cell_index import cell_indices, check_room
 from oddsmap.errors import ConfigError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
@@ -37,6 +37,7 @@ from oddsmap.evidence.octree_order import has_octree_order
 from oddsmap.kernels.units import ONE
 from oddsmap.map_files.fields import Leaves, OfLogOdds
 from oddsmap.map_files.octomap_writer import HALF
+from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, logit, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import MapLike, PriorMap
@@ -44,6 +45,9 @@ from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
 from oddsmap.posterior.vote_table import VoteTable
 
 __all__ = ["LogOdds"]
+
+# What a plane takes a cell: 9 bytes itself, the rest where a file is made of it.
+_PLANE_BYTES = 32
 
 
 class LogOdds(Belief):
@@ -178,6 +182,22 @@ class LogOdds(Belief):
         """True where a region's cells have any evidence, also where it cancels out."""
         hits, passes = self.evidence.region(*self._region(region))
         return (hits > 0) | (passes > 0)
+
+    def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
+        """Probabilities with their place in the world: see `Belief.to_probability_map`."""
+        if self.ndim != 2 or region is not None or self.prior_map is not None:
+            return super().to_probability_map(region)
+        # Only cells with evidence are worked out: arrays of all cells' weights take 50 bytes each.
+        lo, hi = self._region(None)
+        check_room(lo, hi, _PLANE_BYTES)
+        shape = tuple(int(n) for n in (hi - lo)[::-1])
+        unseen = sigmoid(self.of_votes(np.zeros(1), np.zeros(1)))
+        probability, observed = np.full(shape, unseen), np.zeros(shape, np.bool_)
+        for index, p in self.parts(sigmoid):
+            x, y = (index - lo).T
+            probability[y, x], observed[y, x] = p, True
+        origin = (float(lo[0]) * self.resolution, float(lo[1]) * self.resolution)
+        return ProbabilityMap(probability, observed, self.resolution, origin)
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of cells with evidence, see `EvidenceMap.bounds`."""
