@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from oddsmap.errors import ConfigError, InputError, OutputError
-from oddsmap.map_files.npz import save_npz
+from oddsmap.map_files.npz import Column, all_true, save_npz
 
 
 def cells(**changes: Any) -> dict[str, Any]:
@@ -111,4 +112,43 @@ def test_the_least_negative_weight_is_refused(tmp_path: Path, name: str) -> None
     weights = np.array([0.0, 0.0, -1e-300])
     with pytest.raises(InputError, match=f"{name} must be finite and >= 0, 1 values are not"):
         save_npz(tmp_path / "m.npz", **cells(**{name: weights}))
+    assert not list(tmp_path.iterdir())
+
+
+def in_parts(values: npt.NDArray[Any], sizes: list[int]) -> Column:
+    """The same rows some at a time."""
+    return Column(values.shape, lambda: np.split(values, np.cumsum(sizes)))
+
+
+def test_columns_made_in_parts_give_the_bytes_of_numpy(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    index = rng.integers(-9, 9, (500_000, 3))
+    hits, passes = rng.integers(0, 9, (2, 500_000)) / 4
+    p = rng.random(500_000).astype(np.float32)
+    save_npz(
+        tmp_path / "m.npz",
+        index=in_parts(index, [1, 70_000, 0, 3]),
+        hits=in_parts(hits, [499_999]),
+        passes=passes,
+        probability=in_parts(p, [123_456, 300_000]),
+        observed=all_true(500_000),
+        resolution=0.05,
+        extra={"std": in_parts(p.astype(np.float64), [10])},
+    )
+    with (tmp_path / "plain.npz").open("wb") as file:
+        np.savez_compressed(
+            file, index=index, hits=hits, passes=passes, probability=p,
+            observed=np.ones(500_000, np.bool_), resolution=np.float64(0.05), std=p,
+        )  # fmt: skip
+    assert (tmp_path / "m.npz").read_bytes() == (tmp_path / "plain.npz").read_bytes()
+
+
+def test_wrong_columns(tmp_path: Path) -> None:
+    p = np.array([0.5, 2.0, -1.0])
+    with pytest.raises(InputError, match=r"probability must lie in .* 2 values"):
+        save_npz(tmp_path / "m.npz", **cells(probability=in_parts(p, [1, 1])))
+    with pytest.raises(InputError, match=r"hits must have shape \(3,\) like index, got \(2,\)"):
+        save_npz(tmp_path / "m.npz", **cells(hits=in_parts(p[:2], [1])))
+    with pytest.raises(InputError, match="index must have shape"):
+        save_npz(tmp_path / "m.npz", **cells(index=in_parts(p, [1])))
     assert not list(tmp_path.iterdir())

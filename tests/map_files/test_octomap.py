@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import oddsmap
 from oddsmap import InputError, VoxelMap
 from oddsmap.kernels import octree
+from oddsmap.map_files import octomap_nodes
 from oddsmap.map_files.octomap_reader import is_octomap
 from oddsmap.map_files.octomap_writer import OCTOMAP_CLAMP, save_octomap
 from oddsmap.maps.voxel_map import load_octomap
@@ -389,9 +390,25 @@ def test_eight_leaves_of_two_sizes_stay() -> None:
     assert leaves_of(read(written(voxels_of(leaves), ".ot"))) == leaves
 
 
-def test_the_count_is_that_of_the_nodes() -> None:
-    # The count, from which memory is taken, is that of the nodes laid out.
-    voxels = voxels_of({((0, 0, 0), 1): 1.0, ((2, 2, 2), 2): 1.0, ((-1, 0, 0), 1): -1.0})
-    code = np.array(voxels._code)
-    count = octree.node_count(code, voxels.level)
-    assert count == naive.size(naive.build(leaves_of(voxels)))
+@pytest.mark.parametrize("suffix", [".bt", ".ot"])
+@pytest.mark.parametrize("leaves_at_a_time", [1, 7, 100])
+def test_a_tree_written_in_pieces(
+    suffix: str, leaves_at_a_time: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nodes that are written before those below them have all come, and nodes that merge late."""
+    full = np.stack(np.meshgrid(*[np.arange(16)] * 3), axis=-1).reshape(-1, 3)
+    rng = np.random.default_rng(4)
+    noise = rng.integers(-40, 40, (400, 3))
+    far = [(8000, 8000, 8000), (-8000, 5, 5)]
+    leaves: Leaves = {((x, y, z), 1): 0.5 for x, y, z in [*full.tolist(), *(full - 32).tolist()]}
+    leaves |= {((x, y, z), 1): float(rng.choice([-2.0, 0.5])) for x, y, z in noise.tolist()}
+    leaves |= {(cell, 1): -1.0 for cell in far}
+    voxels = voxels_of(leaves)
+    tree = naive.build({leaf: 1.0 if v >= 0 else -1.0 for leaf, v in leaves.items()})
+    expected = naive.header(tree, 0.1, "binary ") + naive.binary(tree)
+    if suffix == ".ot":
+        tree = naive.build({leaf: float32(value) for leaf, value in leaves.items()})
+        expected = naive.header(tree, 0.1, "") + naive.full(tree)
+    assert naive.size(tree) > 5 * octree.KEPT
+    monkeypatch.setattr(octomap_nodes, "_LEAVES", leaves_at_a_time)
+    assert written(voxels, suffix) == expected

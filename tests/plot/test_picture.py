@@ -12,6 +12,7 @@ from PIL import Image
 
 from oddsmap.errors import ConfigError, InputError, OutputError
 from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.plot import picture as picture_module
 from oddsmap.plot.picture import cell_colours, round_length, save_png
 
 UNKNOWN = (199, 213, 227)
@@ -239,3 +240,29 @@ class TestRefusals:
         save_png(world(2, 2, []), tmp_path / "m.png", force=True)
         assert pixels(tmp_path / "m.png").size
         assert [file.name for file in tmp_path.iterdir()] == ["m.png"]
+
+
+@pytest.mark.parametrize(("block", "bold"), [(1, False), (1, True), (3, False), (3, True)])
+def test_bands_have_no_seams(block: int, bold: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cells coloured some rows at a time, against all at once."""
+    rng = np.random.default_rng(block)
+    probability, observed = rng.random((50, 40)), rng.random((50, 40)) < 0.7
+    whole = cell_colours(probability, observed, block, bold=bold)
+    for size in (1, 500):
+        monkeypatch.setattr(picture_module, "_BAND", size)
+        assert np.array_equal(cell_colours(probability, observed, block, bold=bold), whole)
+
+
+@pytest.mark.parametrize("shape", [(30, 40), (700, 31), (1300, 900), (4100, 1000)])
+def test_pictures_drawn_in_bands_are_the_same(
+    shape: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(shape[0])
+    probability, observed = rng.random(shape), rng.random(shape) < 0.7
+    grid = ProbabilityMap(probability, observed, 0.05, (-123.4, 5_000_000.3))
+    for name, size in (("whole", 1 << 40), ("bands", 1 << 14), ("default", picture_module._BAND)):
+        monkeypatch.setattr(picture_module, "_BAND", size)
+        save_png(grid, tmp_path / f"{name}.png")
+    whole = (tmp_path / "whole.png").read_bytes()
+    assert (tmp_path / "bands.png").read_bytes() == whole
+    assert (tmp_path / "default.png").read_bytes() == whole

@@ -11,6 +11,7 @@ from PIL import Image
 
 from oddsmap.errors import ConfigError, InputError, OutputError
 from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.plot import picture
 from oddsmap.plot.quantity import block_largest, save_quantity
 
 UNKNOWN = (199, 213, 227)
@@ -87,3 +88,17 @@ def test_wrong_requests(tmp_path: Path) -> None:
     empty = ProbabilityMap(np.zeros((2, 2)), np.zeros((2, 2), np.bool_), 0.1)
     with pytest.raises(InputError, match="nothing to draw"):
         save_quantity(empty, tmp_path / "e.png", label="x")
+
+
+@pytest.mark.parametrize("shape", [(30, 40), (700, 31), (1300, 900), (4100, 1000)])
+def test_pictures_drawn_in_bands_are_the_same(
+    shape: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(shape[0])
+    value, observed = rng.random(shape), rng.random(shape) < 0.7
+    value[: shape[0] // 2] = np.where(value[: shape[0] // 2] < 0.1, np.nan, 0.5)
+    grid = ProbabilityMap(value, observed, 0.05, (-123.4, 5_000_000.3))
+    for name, size in (("whole", 1 << 40), ("bands", 1 << 14)):
+        monkeypatch.setattr(picture, "_BAND", size)
+        save_quantity(grid, tmp_path / f"{name}.png", label="a share")
+    assert (tmp_path / "bands.png").read_bytes() == (tmp_path / "whole.png").read_bytes()

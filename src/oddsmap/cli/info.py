@@ -25,7 +25,8 @@ from oddsmap.cli.setting_fields import set_fields
 from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
-    from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.array_types import IntArray
+    from oddsmap.evidence.saved_totals import SavedTotals
     from oddsmap.full_map.full_map import FullMap
     from oddsmap.maps.voxel_map import VoxelMap
     from oddsmap.scans.log import Log
@@ -72,9 +73,9 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
 
     with working(f"reading {path.name}", quiet=quiet, compiles=False):
         if is_map(path):
-            from oddsmap.evidence_map import load_map
+            from oddsmap.evidence.saved_totals import read_totals
 
-            return _of_map(load_map(path), path)
+            return _of_map(read_totals(path), path)
         if is_full_map(path):
             from oddsmap.full_map.full_map import load_full_map
 
@@ -177,21 +178,21 @@ def _of_log(log: Log, progress: Callable[[int], None]) -> dict[str, Any]:
     return facts
 
 
-def _of_map(evidence: EvidenceMap, path: Path) -> dict[str, Any]:
+def _of_map(totals: SavedTotals, path: Path) -> dict[str, Any]:
     from oddsmap.kernels.units import ONE
 
-    census = evidence.census()
+    like = totals.like
     facts: dict[str, Any] = {
         "map": str(path),
-        "resolution": evidence.resolution,
-        "votes": evidence.votes,
-        "cells known": census.cells,
-        "hits": census.hits / ONE,
-        "passes": census.passes / ONE,
-        "config": evidence.config.to_dict(),
-        "made from": evidence.provenance,
+        "resolution": like.resolution,
+        "votes": like.votes,
+        "cells known": totals.cells,
+        "hits": totals.hits / ONE,
+        "passes": totals.passes / ONE,
+        "config": like.config.to_dict(),
+        "made from": like.provenance,
     }
-    return facts | _extent(evidence)
+    return facts | _extent(totals.bounds, like.resolution)
 
 
 def _of_full_map(full_map: FullMap, path: Path) -> dict[str, Any]:
@@ -207,16 +208,15 @@ def _of_full_map(full_map: FullMap, path: Path) -> dict[str, Any]:
         "config": full_map.config.to_dict(),
         "made from": full_map.provenance,
     }
-    return facts | _extent(full_map)
+    return facts | _extent(full_map.bounds(), full_map.resolution)
 
 
-def _extent(grid: EvidenceMap | FullMap) -> dict[str, list[float]]:
-    bounds = grid.bounds()
+def _extent(bounds: tuple[IntArray, IntArray] | None, resolution: float) -> dict[str, list[float]]:
     if bounds is None:
         return {}
     return {
-        f"{name} [m]": [float(end[axis]) * grid.resolution for end in bounds]
-        for axis, name in enumerate("xyz"[: grid.ndim])
+        f"{name} [m]": [float(end) * resolution for end in ends]
+        for name, ends in zip("xyz", zip(*bounds, strict=True), strict=False)
     }
 
 
@@ -239,8 +239,4 @@ def _of_octomap(voxels: VoxelMap, path: Path) -> dict[str, Any]:
     facts["leaf sizes"] = {
         f"{size * voxels.resolution:g} m": int(n) for size, n in zip(sizes, counts, strict=True)
     }
-    bounds = voxels.bounds()
-    if bounds is not None:
-        for axis, name in enumerate("xyz"):
-            facts[f"{name} [m]"] = [float(end[axis]) * voxels.resolution for end in bounds]
-    return facts
+    return facts | _extent(voxels.bounds(), voxels.resolution)

@@ -52,8 +52,11 @@ def undecided_in_points(view: Belief | VoxelMap) -> str | None:
     from oddsmap.posterior.belief import Belief
 
     limits = view.thresholds if isinstance(view, Belief) else Thresholds()
-    p = view.cells()[1] if isinstance(view, Belief) else view.probability
-    likely, written = int(np.count_nonzero(p >= 0.5)), int(np.count_nonzero(p >= limits.occupied))
+    leaves = view.leaves() if isinstance(view, Belief) else view
+    likely = written = 0
+    for part in leaves.parts(sigmoid):
+        likely += int(np.count_nonzero(part.value >= 0.5))
+        written += int(np.count_nonzero(part.value >= limits.occupied))
     left = likely - written
     if left < _NOTABLE * likely or left <= 0:
         return None

@@ -15,7 +15,7 @@ itself; docs/formats.md lists every attribute.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -163,7 +163,14 @@ def read_map(
     return read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
 
 
-def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -> E:
+def _read(
+    path: Path,
+    kind: type[E],
+    lo: IntArray | None,
+    hi: IntArray | None,
+    take: Callable[[E], None] | None = None,
+) -> E:
+    """Read a map once; `take` gets what each shard holds, and then the map is empty again."""
     if format_of(path) == FULL_MAP:
         raise InputError(
             f"{path}: a full map, which has no hits and passes: read it with oddsmap.load_full_map"
@@ -205,6 +212,9 @@ def _read(path: Path, kind: type[E], lo: IntArray | None, hi: IntArray | None) -
         with shards.read_all(names, tiles_of, lo, hi) as found:
             for coords, hits, passes in found:
                 append_counts(tiles, coords, hits, passes, unit)
+                if take is not None:
+                    take(evidence)
+                    tiles.clear()
     return evidence
 
 

@@ -20,9 +20,9 @@ from oddsmap.kernels.vote.tile_census import (
     PASS_UNITS,
     PASS_VOTES,
     TOTALS,
-    list_cells,
     take_census,
 )
+from oddsmap.kernels.vote.tile_listing import list_cells
 from oddsmap.kernels.vote.tile_lookup import look_up
 from oddsmap.kernels.vote.tiles import (
     ANY_FULL,
@@ -34,11 +34,13 @@ from oddsmap.kernels.vote.tiles import (
 )
 from oddsmap.limits import memory_limit
 
-__all__ = ["HEAVIEST", "Census", "TileStore"]
+__all__ = ["HEAVIEST", "PART", "Census", "TileStore"]
 
 HEAVIEST = MAX_UNITS + (255 << FRACTION_BITS)
 """The most units of a cell: 255 whole votes are counted apart before the limit is looked at."""
 
+PART = 1 << 16
+"""Cells handled at a time where not all need be: what is made of them stays in the cache."""
 
 # Slots of an empty hash table, a power of two.
 _MIN_SLOTS = 16
@@ -150,6 +152,10 @@ class TileStore:
         per_tile: int = 2 * self.side**self.ndim
         return tiles * (8 * self.ndim + 5 + per_tile) + 8 * wide * per_tile
 
+    def clear(self) -> None:
+        """Forget all tiles."""
+        self.arrays = self._empty(0, 0)
+
     def reserve(self, tiles: int, wide: int) -> None:
         """Make room for that many more tiles and wide rows.
 
@@ -242,18 +248,41 @@ class TileStore:
         Returns:
             index, shape (n, ndim), x first; units of hits and passes, shape (n,) each.
         """
+        for whole in self.parts(self.census().cells):
+            return whole
+        nothing = np.empty(0, np.int64)
+        return np.empty((0, self.ndim), np.int64), nothing, nothing
+
+    def parts(
+        self, most: int = PART, *, last_axis: tuple[int, int] | None = None
+    ) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
+        """As `cells`, some cells at a time.
+
+        Args:
+            most: how many, and no more than a row of cells beyond that.
+            last_axis: only tiles with cells from the first of these indices on and before the
+                second, along the last axis.
+        """
         coords = self.coords
         order = np.lexsort(coords.T)
-        # Where another row of tiles begins.
-        rows = (np.diff(coords[order, 1:], axis=0) != 0).any(axis=1)
-        starts = np.concatenate([[0], np.flatnonzero(rows) + 1, [len(order)]]).astype(np.int64)
+        if last_axis is not None:
+            first, past = last_axis[0] // self.side, -(-last_axis[1] // self.side)
+            order = order[(coords[order, -1] >= first) & (coords[order, -1] < past)]
         if len(order) == 0:
-            starts = starts[:1]
-        count = self.census().cells
-        index = np.empty((count, self.ndim), np.int64)
-        hits, passes = np.empty(count, np.int64), np.empty(count, np.int64)
-        list_cells(self.arrays, self.side, order, starts, index, hits, passes)
-        return index, hits, passes
+            return
+        # Where another row of tiles begins.
+        begin = (np.diff(coords[order, 1:], axis=0) != 0).any(axis=1)
+        rows = np.concatenate([[0], np.flatnonzero(begin) + 1, [len(order)]]).astype(np.int64)
+        room = most + self.side * int(np.diff(rows).max())
+        narrow = self.arrays.narrow
+        words = narrow.view(np.uint64) if self.side % 8 == 0 else np.empty((0, 2, 0), np.uint64)
+        at = np.zeros(1, np.int64)
+        while at[0] >= 0:
+            index = np.empty((room, self.ndim), np.int64)
+            hits, passes = np.empty(room, np.int64), np.empty(room, np.int64)
+            found = list_cells(self.arrays, self.side, order, rows, words, at, index, hits, passes)
+            if found:
+                yield index[:found], hits[:found], passes[:found]
 
     def region(self, lo: IntArray, hi: IntArray) -> IntArray:
         """Units of a box of cells, shape (2, ny, nx) or (2, nz, ny, nx): hits, passes."""

@@ -11,14 +11,18 @@ The tree has `DEPTH` levels below its root; a node at depth d is a cube of level
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import kernel
+from oddsmap.kernels.jit import borrowing, inlined, kernel
 
-__all__ = ["DEPTH", "lay_out", "node_count", "prune", "read_nodes", "read_pairs"]
+__all__ = ["DEPTH", "KEPT", "Branch", "Nodes", "lay_out", "new_branch", "read_nodes", "read_pairs"]
 
 DEPTH = 16
+KEPT = 8 * DEPTH
+"""Of the nodes laid out the last so many may still be merged: of each depth, a node and seven."""
 
 # What a reader found: `FINE`, or the fault that stopped it.
 FINE = 0
@@ -30,38 +34,49 @@ Codes = npt.NDArray[np.int64]
 Levels = npt.NDArray[np.uint8]
 Values = npt.NDArray[np.float32]
 
+CODE, LAST, NODES, BASE, LATE = range(5)
+UNLIKE = -1
 
-@kernel
-def prune(code: Codes, level: Levels, value: Values) -> int:
-    """Merge eight equal leaves of one node into one, again and again, in place; leaves left.
 
-    The root stays: OctoMap prunes nodes of depth 1 to 15 alone.
+class Nodes(NamedTuple):
+    """Nodes of a tree, depth first."""
+
+    value: Values
+    """Log odds."""
+    children: npt.NDArray[np.uint8]
+    """A bit for each child that there is; 0: a leaf."""
+    pairs: npt.NDArray[np.uint16]
+    """Two bits for each child: 0 none, 1 a leaf below zero, 2 one of zero or more, 3 an inner node.
     """
-    n = 0
-    for i in range(code.shape[0]):
-        code[n], level[n], value[n] = code[i], level[i], value[i]
-        n += 1
-        # The eighth child came last: its seven sisters lie just before it, if they are leaves.
-        while n >= 8 and level[n - 1] < DEPTH - 1:
-            k = level[n - 1]
-            first = code[n - 8]
-            if code[n - 1] - first != np.int64(7) << np.int64(3 * k):
-                break
-            if (first >> np.int64(3 * k)) & 7 != 0:
-                break
-            alike = True
-            for j in range(n - 8, n - 1):
-                # Nothing else fits between: levels and codes of disjoint leaves in order.
-                if level[j] != k or value[j] != value[n - 1]:
-                    alike = False
-            if not alike:
-                break
-            n -= 7
-            level[n - 1] = k + 1
-    return n
 
 
-@kernel
+class Branch(NamedTuple):
+    """The nodes that are not complete, by depth: those from the root to the last leaf."""
+
+    at: npt.NDArray[np.int64]
+    """Their numbers."""
+    children: npt.NDArray[np.int64]
+    pairs: npt.NDArray[np.int64]
+    highest: Values
+    """The largest of their leaves so far."""
+    alike: npt.NDArray[np.int64]
+    """How many children there are, all equal leaves; `UNLIKE` where they are anything else."""
+    first: Values
+    """The first child's value, where they are alike."""
+    state: npt.NDArray[np.int64]
+    """The last leaf's code and depth, the count of nodes so far, the number of the first that is
+    still held in arrays, how many `lay_out` had to complete before that."""
+
+
+def new_branch() -> Branch:
+    """Of a tree that has no leaf yet."""
+    whole = [np.zeros(DEPTH + 1, np.int64) for _ in range(4)]
+    highest, first = (np.zeros(DEPTH + 1, np.float32) for _ in range(2))
+    at, children, pairs, alike = whole
+    return Branch(at, children, pairs, highest, alike, first, np.zeros(5, np.int64))
+
+
+@inlined
 def _shared_depth(one: int, other: int) -> int:
     # Depth of the smallest node that holds both codes.
     depth = DEPTH
@@ -72,53 +87,106 @@ def _shared_depth(one: int, other: int) -> int:
     return depth
 
 
-@kernel
-def node_count(code: Codes, level: Levels) -> int:
-    """Nodes of the tree with these leaves, the root and the leaves among them."""
-    nodes = 1
-    shared = 0
-    for i in range(code.shape[0]):
-        if i > 0:
-            shared = _shared_depth(code[i - 1], code[i])
-        nodes += DEPTH - int(level[i]) - shared
-    return nodes
+@inlined
+def _open(branch: Branch, nodes: Nodes, d: int) -> None:
+    at = branch.state[NODES]
+    branch.state[NODES] += 1
+    # Not 0, which is a leaf's: what is open when it is written out has children.
+    nodes.children[at - branch.state[BASE]] = 255
+    branch.at[d], branch.children[d], branch.pairs[d] = at, 0, 0
+    branch.highest[d], branch.alike[d] = -np.inf, 0
 
 
-@kernel
+@inlined
+def _add_leaf(branch: Branch, d: int, slot: int, value: float) -> None:
+    # To the open node at depth d, as a child.
+    branch.children[d] |= 1 << slot
+    branch.pairs[d] |= (2 if value >= 0.0 else 1) << (2 * slot)
+    branch.highest[d] = max(branch.highest[d], value)
+    if branch.alike[d] == 0:
+        branch.alike[d], branch.first[d] = 1, value
+    elif branch.alike[d] > 0 and branch.first[d] == value:
+        branch.alike[d] += 1
+    else:
+        branch.alike[d] = UNLIKE
+
+
+@inlined
+def _close(branch: Branch, nodes: Nodes, late: Nodes, late_at: Codes, d: int) -> None:
+    at = branch.at[d]
+    slot = (branch.state[CODE] >> (3 * (DEPTH - d))) & 7
+    place = at - branch.state[BASE]
+    if d > 0 and branch.alike[d] == 8:
+        # Eight equal leaves, which lie just behind it: one leaf in their place.
+        branch.state[NODES] = at + 1
+        nodes.value[place], nodes.children[place], nodes.pairs[place] = branch.first[d], 0, 0
+        _add_leaf(branch, d - 1, slot, branch.first[d])
+    else:
+        if place >= 0:
+            nodes.value[place] = branch.highest[d]
+            nodes.children[place] = np.uint8(branch.children[d])
+            nodes.pairs[place] = np.uint16(branch.pairs[d])
+        else:
+            k = branch.state[LATE]
+            branch.state[LATE] += 1
+            late_at[k], late.value[k] = at, branch.highest[d]
+            late.children[k] = np.uint8(branch.children[d])
+            late.pairs[k] = np.uint16(branch.pairs[d])
+        if d > 0:
+            branch.children[d - 1] |= 1 << slot
+            branch.pairs[d - 1] |= 3 << (2 * slot)
+            branch.highest[d - 1] = max(branch.highest[d - 1], branch.highest[d])
+            branch.alike[d - 1] = UNLIKE
+
+
+@borrowing
 def lay_out(
     code: Codes,
     level: Levels,
     value: Values,
-    node_value: Values,
-    children: npt.NDArray[np.uint8],
-    pairs: npt.NDArray[np.uint16],
+    done: bool,
+    branch: Branch,
+    nodes: Nodes,
+    late: Nodes,
+    late_at: Codes,
 ) -> None:
-    """Write the nodes depth first: the value, which children exist, and of which kind they are.
+    """Go on with the nodes of a tree, depth first, by some more of its leaves.
 
-    An inner node's value is the largest of its leaves. `children` has a bit, `pairs` has two bits
-    per child: 0 none, 1 a leaf below zero, 2 a leaf of zero or more, 3 an inner node. Sizes as
-    `node_count` says, all zero but for `node_value`.
+    Eight equal leaves of one node become one, again and again; the root stays: OctoMap prunes nodes
+    of depth 1 to 15 alone. An inner node's value is the largest of its leaves.
+
+    Args:
+        code: of the leaves, in order, each beyond those before, shape (n,).
+        level: shape (n,).
+        value: shape (n,).
+        done: True: these were the last.
+        branch: what is open; see `new_branch`.
+        nodes: filled from `branch.state[NODES]` - `branch.state[BASE]` on, with room for
+            DEPTH * n + 1 more. All but the last `KEPT` are final, and those that are open.
+        late: filled with nodes that lie before `nodes`, which are complete now; of length DEPTH.
+        late_at: their numbers, likewise. There are `branch.state[LATE]`.
     """
-    path = np.zeros(DEPTH + 1, np.int64)  # the open node at each depth; all start at the root
-    node_value[0] = -np.inf
-    n = 1
-    shared = 0
+    state = branch.state
+    state[LATE] = 0
     for i in range(code.shape[0]):
         depth = DEPTH - np.int64(level[i])
-        if i > 0:
-            shared = _shared_depth(code[i - 1], code[i])
-        for d in range(shared + 1, depth + 1):
-            slot = (code[i] >> (3 * (DEPTH - d))) & 7
-            kind = 3
-            if d == depth:
-                kind = 2 if value[i] >= 0.0 else 1
-            children[path[d - 1]] |= np.uint8(1 << slot)
-            pairs[path[d - 1]] |= np.uint16(kind << (2 * slot))
-            path[d] = n
-            node_value[n] = -np.inf
-            n += 1
-        for d in range(depth + 1):
-            node_value[path[d]] = max(node_value[path[d]], value[i])
+        shared = 0
+        if state[NODES] == 0:
+            _open(branch, nodes, 0)
+        else:
+            shared = _shared_depth(state[CODE], code[i])
+        for d in range(state[LAST] - 1, shared, -1):
+            _close(branch, nodes, late, late_at, d)
+        for d in range(shared + 1, depth):
+            _open(branch, nodes, d)
+        place = state[NODES] - state[BASE]
+        nodes.value[place], nodes.children[place], nodes.pairs[place] = value[i], 0, 0
+        state[NODES] += 1
+        state[CODE], state[LAST] = code[i], depth
+        _add_leaf(branch, depth - 1, (code[i] >> (3 * (DEPTH - depth))) & 7, value[i])
+    if done:
+        for d in range(state[LAST] - 1, -1, -1):
+            _close(branch, nodes, late, late_at, d)
 
 
 @kernel

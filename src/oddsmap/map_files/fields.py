@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Grid", "Leaves"]
+__all__ = ["Grid", "LeafPart", "Leaves", "OfLogOdds"]
 
 
 class Grid(Protocol):
@@ -38,20 +39,33 @@ class Grid(Protocol):
 
 
 class Leaves(Protocol):
-    """Log odds of cubes of cells, in depth-first order; see `oddsmap.VoxelMap`."""
-
-    @property
-    def index(self) -> IntArray:
-        """Lowest cell of each leaf, shape (n, 3), x first."""
-
-    @property
-    def log_odds(self) -> FloatArray:
-        """Of each leaf, shape (n,)."""
-
-    @property
-    def level(self) -> npt.NDArray[np.uint8]:
-        """A leaf has 2^level cells per side, shape (n,)."""
+    """Log odds of cubes of cells, in depth-first order of an octree; see `oddsmap.VoxelMap`."""
 
     @property
     def resolution(self) -> float:
         """Side of a cell [m]."""
+
+    @property
+    def base(self) -> IntArray:
+        """The cell of code 0, shape (3,), x first."""
+
+    def bounds(self) -> tuple[IntArray, IntArray] | None:
+        """The box of known cells: first index and past the last, shape (3,); None if empty."""
+
+    def parts(self, function: OfLogOdds) -> Iterator[LeafPart]:
+        """The leaves, some at a time: code, level, and a function of their log odds."""
+
+
+class LeafPart(NamedTuple):
+    """Some leaves of an octree, in order."""
+
+    code: IntArray
+    """Morton code of the lowest cell, counted from `Leaves.base`, shape (n,)."""
+    level: npt.NDArray[np.uint8]
+    """A leaf has 2^level cells per side, shape (n,)."""
+    value: npt.NDArray[Any]
+    """What the function gives, shape (n,)."""
+
+
+OfLogOdds: TypeAlias = Callable[[FloatArray], npt.NDArray[Any]]
+"""A function of log odds, element by element: equal ones have equal values, wherever they stand."""

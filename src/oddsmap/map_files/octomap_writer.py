@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.map_files.fields import Leaves
-from oddsmap.map_files.morton import morton
+from oddsmap.map_files.fields import Leaves, OfLogOdds
+from oddsmap.map_files.front import put_in_front
 from oddsmap.odds import State, Thresholds, logit, sigmoid
 
 __all__ = ["HALF", "NODE", "OCTOMAP_CLAMP", "save_octomap"]
@@ -31,6 +32,8 @@ OCTOMAP_CLAMP = (0.1192, 0.971)
 
 NODE = np.dtype([("log_odds", "<f4"), ("children", "u1")])
 """A node of an `.ot`: 5 bytes, nothing between them."""
+
+_PAIRS = np.dtype("<u2")
 
 _COMMENT = "# (feel free to add / change comments, but leave the first line as it is!)\n#\n"
 
@@ -69,7 +72,7 @@ def save_octomap(
         ConfigError: the suffix is another, or `clamp` is not two probabilities around 0.5.
         OutputError: the file exists already or cannot be written.
     """
-    from oddsmap.kernels import octree
+    from oddsmap.map_files.octomap_nodes import NodeFile
 
     path = Path(path)
     binary = path.suffix == ".bt"
@@ -77,61 +80,51 @@ def save_octomap(
         raise ConfigError(f"{path}: an OctoMap is named .bt (free or occupied) or .ot (log odds)")
     check_output(path, force=force)
     _check_bounds(voxels, path)
-    if binary:
-        value = np.where(_occupied(voxels, thresholds), np.float32(1), np.float32(-1))
-    else:
-        value = _clamped(voxels, clamp, path).astype(np.float32)
-    # Inside the bounds the leaves of a VoxelMap lie in the order of OctoMap's keys.
-    code, level = morton(voxels.index + HALF), voxels.level.copy()
-    leaves = octree.prune(code, level, value)
-    code, level, value = code[:leaves], level[:leaves], value[:leaves]
-    count = octree.node_count(code, level) if leaves else 0
-    node = np.empty(count, np.float32)
-    children, pairs = np.zeros(count, np.uint8), np.zeros(count, np.uint16)
-    if leaves:
-        octree.lay_out(code, level, value, node, children, pairs)
-    if binary:
-        data = pairs[children != 0].astype("<u2").tobytes()
-    else:
-        nodes = np.empty(count, NODE)
-        nodes["log_odds"], nodes["children"] = node, children
-        data = nodes.tobytes()
-    header = (
-        f"# Octomap OcTree {'binary ' if binary else ''}file\n{_COMMENT}"
-        # All digits: OctoMap's own writer keeps 6, so that cells of 1/3 m come back smaller.
-        f"id OcTree\nsize {count}\nres {float(voxels.resolution)!r}\ndata\n"
-    )
-    with atomic_output(path, force=force) as part, part.open("wb") as file:
-        file.write(header.encode("ascii"))
-        file.write(data)
+    value_of = _sign(thresholds or Thresholds()) if binary else _clamped(clamp, path)
+    with atomic_output(path, force=force) as part, part.open("w+b") as file:
+        nodes = NodeFile(file, _PAIRS if binary else NODE)
+        # Inside the bounds codes are counted from OctoMap's first key.
+        for leaves in voxels.parts(value_of):
+            nodes.add(*leaves)
+        nodes.finish()
+        header = (
+            f"# Octomap OcTree {'binary ' if binary else ''}file\n{_COMMENT}"
+            # All digits: OctoMap's own writer keeps 6, so that cells of 1/3 m come back smaller.
+            f"id OcTree\nsize {nodes.count}\nres {float(voxels.resolution)!r}\ndata\n"
+        )
+        put_in_front(file, header.encode("ascii"))
     return path
 
 
-def _occupied(voxels: Leaves, thresholds: Thresholds | None) -> npt.NDArray[np.bool_]:
-    known = np.ones(len(voxels.log_odds), np.bool_)
-    state = (thresholds or Thresholds()).state(sigmoid(voxels.log_odds), known)
-    likely = voxels.log_odds >= 0.0
-    return np.where(state == State.UNDECIDED, likely, state == State.OCCUPIED)
+def _sign(limits: Thresholds) -> OfLogOdds:
+    """What gives 1 where a cell is occupied and -1 where it is free."""
+
+    def sign(log_odds: FloatArray) -> npt.NDArray[np.float32]:
+        state = limits.state(sigmoid(log_odds), np.ones(log_odds.shape, np.bool_))
+        occupied = np.where(state == State.UNDECIDED, log_odds >= 0.0, state == State.OCCUPIED)
+        return np.where(occupied, np.float32(1), np.float32(-1))
+
+    return sign
 
 
-def _clamped(
-    voxels: Leaves, clamp: tuple[float, float] | None, path: Path
-) -> npt.NDArray[np.float64]:
+def _clamped(clamp: tuple[float, float] | None, path: Path) -> OfLogOdds:
+    """What gives log odds in single precision, within the bounds."""
     if clamp is None:
-        return voxels.log_odds
+        return lambda log_odds: log_odds.astype(np.float32)
     low, high = clamp
     if not 0.0 < low < 0.5 < high < 1.0:
         raise ConfigError(
             f"{path}: clamp needs probabilities 0 < low < 0.5 < high < 1, got {low} and {high}"
         )
-    return np.clip(voxels.log_odds, float(logit(low)), float(logit(high)))
+    lowest, highest = float(logit(low)), float(logit(high))
+    return lambda log_odds: np.clip(log_odds, lowest, highest).astype(np.float32)
 
 
 def _check_bounds(voxels: Leaves, path: Path) -> None:
-    if len(voxels.index) == 0:
+    bounds = voxels.bounds()
+    if bounds is None:
         return
-    side = np.int64(1) << voxels.level.astype(np.int64)
-    lo, hi = voxels.index.min(axis=0), (voxels.index + side[:, None]).max(axis=0)
+    lo, hi = bounds
     edge = HALF * voxels.resolution
     crops = []
     for axis, name in enumerate("xyz"):

@@ -6,10 +6,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
+from oddsmap.array_types import BoolArray
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError
-from oddsmap.map_files.fields import Leaves
+from oddsmap.map_files.fields import LeafPart, Leaves
+from oddsmap.map_files.front import put_in_front
+from oddsmap.map_files.morton import unmorton
 from oddsmap.odds import State, Thresholds, sigmoid
 
 __all__ = ["save_ply"]
@@ -50,24 +54,35 @@ def save_ply(
     if path.suffix != ".ply":
         raise ConfigError(f"{path}: a PLY is named .ply; give a name that ends in .ply")
     check_output(path, force=force)
-    probability = sigmoid(voxels.log_odds)
-    known = np.ones(len(probability), np.bool_)
-    occupied = (thresholds or Thresholds()).state(probability, known) == State.OCCUPIED
-    side = np.int64(1) << voxels.level[occupied].astype(np.int64)
+    limits = thresholds or Thresholds()
+    count = 0
+    with atomic_output(path, force=force) as part, part.open("w+b") as file:
+        for leaves in voxels.parts(sigmoid):
+            known = np.ones(len(leaves.value), np.bool_)
+            vertex = _vertices(voxels, leaves, limits.state(leaves.value, known) == State.OCCUPIED)
+            file.write(vertex.tobytes())
+            count += len(vertex)
+        put_in_front(file, _header(voxels, count).encode("ascii"))
+    return path
+
+
+def _vertices(voxels: Leaves, leaves: LeafPart, chosen: BoolArray) -> npt.NDArray[np.void]:
+    index = unmorton(leaves.code[chosen]) + voxels.base
+    side = np.int64(1) << leaves.level[chosen].astype(np.int64)
     vertex = np.empty(len(side), _VERTEX)
     for axis, name in enumerate("xyz"):
-        vertex[name] = (voxels.index[occupied, axis] + side / 2) * voxels.resolution
-    vertex["probability"] = probability[occupied]
+        vertex[name] = (index[:, axis] + side / 2) * voxels.resolution
+    vertex["probability"] = leaves.value[chosen]
     vertex["size"] = side * voxels.resolution
+    return vertex
+
+
+def _header(voxels: Leaves, count: int) -> str:
     properties = "".join(
         f"property {_NAMES[_VERTEX[name].str]} {name}\n" for name in _VERTEX.names or ()
     )
-    header = (
+    return (
         "ply\nformat binary_little_endian 1.0\ncomment occupied cells of a map, by oddsmap\n"
         f"comment cell_size {float(voxels.resolution)!r}\n"
-        f"element vertex {len(vertex)}\n{properties}end_header\n"
+        f"element vertex {count}\n{properties}end_header\n"
     )
-    with atomic_output(path, force=force) as part, part.open("wb") as file:
-        file.write(header.encode("ascii"))
-        file.write(vertex.tobytes())
-    return path

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +19,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import cell_box, cell_indices
 from oddsmap.errors import InputError, MapTooLargeError
+from oddsmap.map_files.fields import LeafPart, OfLogOdds
 from oddsmap.map_files.morton import MORTON_BITS, morton
 from oddsmap.odds import State, Thresholds, sigmoid
 
@@ -28,6 +30,7 @@ _HALF = 1 << 15
 """Maps within this many cells of the origin count their codes from there, as OctoMap does."""
 _MAX_LEVEL = 15
 _MAX_BOX = 1 << 31
+_PART = 1 << 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,6 +155,17 @@ class VoxelMap:
         known = np.ones(len(index), np.bool_)
         state[z, y, x] = (thresholds or Thresholds()).state(probability, known)
         return state
+
+    @property
+    def base(self) -> IntArray:
+        """The cell of code 0, shape (3,), x first: see `parts`."""
+        return self._base
+
+    def parts(self, function: OfLogOdds) -> Iterator[LeafPart]:
+        """The leaves in order, some at a time: Morton code, level, and a function of log odds."""
+        for start in range(0, len(self._code), _PART):
+            part = slice(start, start + _PART)
+            yield LeafPart(self._code[part], self.level[part], function(self.log_odds[part]))
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of known cells: first index and past the last, shape (3,); None if empty."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["cell_colours", "round_length", "save_png"]
+__all__ = ["bands", "cell_colours", "round_length", "save_png"]
 
 _FREE = (255.0, 255.0, 255.0)
 _OCCUPIED = (17.0, 20.0, 26.0)
@@ -37,6 +37,7 @@ _MAX_PIXELS = 3800  # with the margins for the text it stays below 4000
 _BOLD_FROM = 1900  # from here on a line of one pixel fades on a screen: walls take three
 _LONG_SIDE = 10.0  # [inch]; the text is sized for this, whatever the number of pixels
 _MARGIN = 0.025  # of the long side, around the observed cells
+_BAND = 1 << 19  # cells coloured, and pixels drawn, at a time: Matplotlib takes 100 bytes for each
 _MIN_SIDE = 0.3  # a corridor is padded with unknown to this part of its length
 
 
@@ -129,12 +130,27 @@ def cell_colours(
     Returns:
         RGB, shape (ceil(ny / block), ceil(nx / block), 3).
     """
-    value = np.where(observed, probability, -1.0).astype(np.float32)  # -1 loses against any other
-    if block > 1:
-        value = _of_blocks(value, block)
-    if bold:
-        around = _largest_around(value)
-        value = np.where(around > 0.0, around, value)
+    ny, nx = probability.shape
+    height = -(-ny // block)
+    colour = np.empty((height, -(-nx // block), 3), dtype=np.uint8)
+    rows = max(1, _BAND // max(1, nx * block))
+    for first in range(0, height, rows):
+        past = min(first + rows, height)
+        # With one row more on both sides, from which walls spread.
+        begin, end = max(first - 1, 0), min(past + 1, height)
+        cells = slice(begin * block, end * block)
+        # -1 loses against any other.
+        value = np.where(observed[cells], probability[cells], -1.0).astype(np.float32)
+        if block > 1:
+            value = _of_blocks(value, block)
+        if bold:
+            around = _largest_around(value)
+            value = np.where(around > 0.0, around, value)
+        colour[first:past] = _shades(value[first - begin : past - begin])
+    return colour
+
+
+def _shades(value: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
     colour = np.empty((*value.shape, 3), dtype=np.uint8)
     for channel in range(3):
         free, occupied = _FREE[channel], _OCCUPIED[channel]
@@ -228,17 +244,30 @@ def _draw_cells(axes: Axes, grid: ProbabilityMap, layout: _Layout) -> None:
     x, y = layout.columns.start * r, layout.rows.start * r
     side = r * layout.block
     axes.set_facecolor(_hex(_UNKNOWN))
-    axes.imshow(
-        picture,
-        origin="lower",
-        interpolation="nearest",
-        aspect="auto",  # equal by the layout, to the pixel
-        extent=(x, x + side * picture.shape[1], y, y + side * picture.shape[0]),
-        transform=Affine2D().rotate(grid.yaw).translate(*grid.origin) + axes.transData,
-    )
+    for rows in bands(picture.shape, layout, grid.yaw):
+        axes.imshow(
+            picture[rows],
+            origin="lower",
+            interpolation="nearest",
+            aspect="auto",  # equal by the layout, to the pixel
+            extent=(x, x + side * picture.shape[1], y + side * rows.start, y + side * rows.stop),
+            transform=Affine2D().rotate(grid.yaw).translate(*grid.origin) + axes.transData,
+        )
     x0, x1, y0, y1 = layout.limits
     axes.set_xlim(x0, x1)  # imshow moves the limits
     axes.set_ylim(y0, y1)
+
+
+def bands(shape: tuple[int, ...], layout: _Layout, yaw: float) -> list[slice]:
+    """Rows of an image of cells, or of blocks, to be drawn together: whole pixels high.
+
+    Args:
+        shape: of the image.
+        layout: of the picture.
+        yaw: of the grid; bands that are turned would have seams, so then it is one.
+    """
+    rows = shape[0] if yaw else max(1, _BAND // (shape[1] * layout.scale**2))
+    return [slice(at, min(at + rows, shape[0])) for at in range(0, shape[0], rows)]
 
 
 def _draw_trajectory(axes: Axes, line: npt.NDArray[np.float64]) -> None:

@@ -24,6 +24,7 @@ from oddsmap.plot.picture import (
     _hex,
     _Layout,
     _layout,
+    bands,
 )
 
 if TYPE_CHECKING:
@@ -147,17 +148,19 @@ def _draw_values(
     x, y = layout.columns.start * r, layout.rows.start * r
     side = r * layout.block
     axes.set_facecolor(_hex(_UNKNOWN))
-    axes.imshow(
-        np.ma.masked_invalid(value),
-        origin="lower",
-        interpolation="nearest",
-        interpolation_stage="data",
-        aspect="auto",  # equal by the layout, to the pixel
-        cmap=_COLOURS,
-        norm=scale,
-        extent=(x, x + side * value.shape[1], y, y + side * value.shape[0]),
-        transform=Affine2D().rotate(grid.yaw).translate(*grid.origin) + axes.transData,
-    )
+    shown = np.ma.masked_invalid(value)
+    for rows in bands(value.shape, layout, grid.yaw):
+        axes.imshow(
+            shown[rows],
+            origin="lower",
+            interpolation="nearest",
+            interpolation_stage="data",
+            aspect="auto",  # equal by the layout, to the pixel
+            cmap=_COLOURS,
+            norm=scale,
+            extent=(x, x + side * value.shape[1], y + side * rows.start, y + side * rows.stop),
+            transform=Affine2D().rotate(grid.yaw).translate(*grid.origin) + axes.transData,
+        )
     x0, x1, y0, y1 = layout.limits
     axes.set_xlim(x0, x1)  # imshow moves the limits
     axes.set_ylim(y0, y1)

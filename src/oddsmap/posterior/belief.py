@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,7 @@ from oddsmap.odds import Thresholds, sigmoid
 if TYPE_CHECKING:
     import xarray
 
+    from oddsmap.map_files.fields import Leaves, OfLogOdds
     from oddsmap.map_files.ros_reader import RosMode
     from oddsmap.maps.voxel_map import VoxelMap
 
@@ -92,6 +94,19 @@ class Belief(ABC):
         index, log_odds = self.known_log_odds()
         return index, sigmoid(log_odds)
 
+    def parts(
+        self, function: OfLogOdds, *, z: tuple[int, int] | None = None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[Any]]]:
+        """The observed cells, some at a time: index, shape (n, d), and a function of log odds.
+
+        Args:
+            function: element by element.
+            z: layers of cells, first and past the last, outside which cells of a 3D map may be left
+                out.
+        """
+        index, log_odds = self.known_log_odds()
+        yield index, function(log_odds)
+
     def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
         """Probabilities with their place in the world.
 
@@ -122,6 +137,14 @@ class Belief(ABC):
         if self.ndim != 3:
             raise InputError("an OctoMap or a PLY needs a 3D map, this one is 2D")
         return VoxelMap(*self.known_log_odds(), self.resolution)
+
+    def leaves(self) -> Leaves:
+        """The observed cells of a 3D map as leaves of an octree, for files.
+
+        Raises:
+            InputError: a 2D map.
+        """
+        return self.to_voxels()
 
     def to_xarray(self, region: Region | None = None) -> xarray.DataArray:
         """Probabilities with coordinates of the cells' centres [m]; needs the extra `xarray`.
@@ -179,11 +202,17 @@ class Belief(ABC):
         force: bool = False,
     ) -> None:
         """Write a `.bt` or `.ot`: see `oddsmap.map_files.octomap_writer.save_octomap`."""
-        self.to_voxels().save_octomap(path, clamp=clamp, thresholds=self.thresholds, force=force)
+        from oddsmap.map_files.octomap_writer import save_octomap
+
+        save_octomap(
+            self.leaves(), Path(path), clamp=clamp, thresholds=self.thresholds, force=force
+        )
 
     def save_ply(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the occupied cells as points: see `oddsmap.map_files.ply.save_ply`."""
-        self.to_voxels().save_ply(path, thresholds=self.thresholds, force=force)
+        from oddsmap.map_files.ply import save_ply
+
+        save_ply(self.leaves(), Path(path), thresholds=self.thresholds, force=force)
 
     def _notes(self) -> dict[str, object]:
         """What else a reader of an exported array should know."""

@@ -20,22 +20,34 @@ Source: Thrun, Burgard, Fox: Probabilistic Robotics (2005), table 9.1 and equati
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
-from oddsmap.cell_index import cell_indices
+from oddsmap.cell_index import cell_indices, check_room
 from oddsmap.errors import ConfigError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
+from oddsmap.evidence.octree_order import has_octree_order
 from oddsmap.kernels.units import ONE
-from oddsmap.odds import Thresholds, logit
+from oddsmap.map_files.fields import Leaves, OfLogOdds
+from oddsmap.map_files.octomap_writer import HALF
+from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.odds import Thresholds, logit, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import MapLike, PriorMap
+from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
+from oddsmap.posterior.vote_table import VoteTable
 
 __all__ = ["LogOdds"]
+
+# What a plane takes a cell: 9 bytes itself, the rest where a file is made of it.
+_PLANE_BYTES = 32
 
 
 class LogOdds(Belief):
@@ -171,24 +183,67 @@ class LogOdds(Belief):
         hits, passes = self.evidence.region(*self._region(region))
         return (hits > 0) | (passes > 0)
 
+    def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
+        """Probabilities with their place in the world: see `Belief.to_probability_map`."""
+        if self.ndim != 2 or region is not None or self.prior_map is not None:
+            return super().to_probability_map(region)
+        # Only cells with evidence are worked out: arrays of all cells' weights take 50 bytes each.
+        lo, hi = self._region(None)
+        check_room(lo, hi, _PLANE_BYTES)
+        shape = tuple(int(n) for n in (hi - lo)[::-1])
+        unseen = sigmoid(self.of_votes(np.zeros(1), np.zeros(1)))
+        probability, observed = np.full(shape, unseen), np.zeros(shape, np.bool_)
+        for index, p in self.parts(sigmoid):
+            x, y = (index - lo).T
+            probability[y, x], observed[y, x] = p, True
+        origin = (float(lo[0]) * self.resolution, float(lo[1]) * self.resolution)
+        return ProbabilityMap(probability, observed, self.resolution, origin)
+
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of cells with evidence, see `EvidenceMap.bounds`."""
         return self.evidence.bounds()
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write cells, counts and probabilities: see `oddsmap.map_files.npz.save_npz`."""
-        from oddsmap.map_files.npz import save_npz
+        from oddsmap.map_files.npz import Column, all_true, save_npz
 
-        index, hits, passes = self.evidence.cells()
+        tiles, count = self.evidence.tiles, self.evidence.cell_count()
         save_npz(
             Path(path),
-            index=index,
-            hits=hits / ONE,
-            passes=passes / ONE,
-            probability=self.cells()[1].astype(np.float32),
-            observed=np.ones(len(index), np.bool_),
-            resolution=self.evidence.resolution,
+            index=Column((count, self.ndim), lambda: (index for index, _, _ in tiles.parts())),
+            hits=Column((count,), lambda: (hits / ONE for _, hits, _ in tiles.parts())),
+            passes=Column((count,), lambda: (passes / ONE for _, _, passes in tiles.parts())),
+            probability=Column((count,), lambda: (p for _, p in self.parts(_single_probability))),
+            observed=all_true(count),
+            resolution=self.resolution,
             force=force,
+        )
+
+    def parts(
+        self, function: OfLogOdds, *, z: tuple[int, int] | None = None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[Any]]]:
+        """The cells with evidence, some at a time: see `Belief.parts`; in order of their index."""
+        values = self._of_cells(function)
+        for index, hits, passes in self.evidence.tiles.parts(last_axis=z):
+            yield index, values(hits, passes, partial(np.asarray, index))
+
+    def leaves(self) -> Leaves:
+        """The cells with evidence of a 3D map as leaves of an octree: see `Belief.leaves`."""
+        tiles, base = self.evidence.tiles, np.full(self.ndim, -HALF)
+        box = self.evidence.census().bounds
+        inside = box is None or bool((box[0] >= base).all() and (box[1] <= -base).all())
+        if inside and has_octree_order(tiles, base):
+            return TileLeaves(tiles, self.resolution, base, box, self._of_cells)
+        return super().leaves()
+
+    def _of_cells(self, function: OfLogOdds) -> OfCells:
+        """A function of log odds as one of cells."""
+        prior = self.prior_map
+        if prior is None:
+            table = VoteTable(lambda hits, passes: function(self.of_votes(hits, passes)))
+            return lambda hits, passes, _: table(hits, passes)
+        return lambda hits, passes, index: function(
+            self.of_votes(hits / ONE, passes / ONE, prior.at(index()))
         )
 
     def known_log_odds(self) -> tuple[IntArray, FloatArray]:
@@ -199,3 +254,7 @@ class LogOdds(Belief):
 
     def _notes(self) -> dict[str, object]:
         return {"prior": self.prior if self.prior_map is None else "map"}
+
+
+def _single_probability(log_odds: FloatArray) -> npt.NDArray[np.float32]:
+    return sigmoid(log_odds).astype(np.float32)

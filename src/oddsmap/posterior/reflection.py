@@ -25,9 +25,21 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
-from oddsmap.posterior.reflectivity import BetaView, IntervalKind, Quantity
+from oddsmap.posterior.reflectivity import (
+    BetaView,
+    IntervalKind,
+    Quantity,
+    Table,
+    beta_mean,
+    beta_std,
+)
+from oddsmap.posterior.vote_table import VoteTable
 
 __all__ = ["IntervalKind", "Quantity", "Reflection"]
+
+# Cells whose intervals are worked out together, once for each pair of counts among them.
+_FEW = 1 << 20
+_VALUES = np.dtype([(name, np.float32) for name in ("mean", "std", "lower", "upper")])
 
 
 class Reflection(BetaView):
@@ -116,3 +128,29 @@ class Reflection(BetaView):
     def _counts(self) -> tuple[FloatArray, FloatArray]:
         _, hits, passes = self.evidence.cells()
         return hits / ONE, passes / ONE
+
+    def _table(self) -> Table:
+        """As the base class has it; of large maps, made of some cells at a time."""
+        from oddsmap.map_files.npz import Column
+
+        tiles, count = self.evidence.tiles, self.evidence.cell_count()
+        if count <= _FEW:
+            return super()._table()
+        table = VoteTable(self._values)
+
+        def values(name: str) -> Column:
+            return Column((count,), lambda: (table(h, p)[name] for _, h, p in tiles.parts()))
+
+        return (
+            Column((count, self.ndim), lambda: (index for index, _, _ in tiles.parts())),
+            Column((count,), lambda: (hits / ONE for _, hits, _ in tiles.parts())),
+            Column((count,), lambda: (passes / ONE for _, _, passes in tiles.parts())),
+            {name: values(name) for name in _VALUES.names or ()},
+        )
+
+    def _values(self, hits: FloatArray, passes: FloatArray) -> npt.NDArray[np.void]:
+        alpha, beta = self.a + hits, self.b + passes
+        values = np.empty(len(hits), _VALUES)
+        values["mean"], values["std"] = beta_mean(alpha, beta), beta_std(alpha, beta)
+        values["lower"], values["upper"] = self._intervals(alpha, beta)
+        return values

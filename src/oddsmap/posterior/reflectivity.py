@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -25,10 +25,16 @@ from oddsmap.odds import State, Thresholds
 from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
 
 if TYPE_CHECKING:
+    from oddsmap.map_files.npz import Column
     from oddsmap.map_files.ros_reader import RosMode
 
-__all__ = ["BetaView", "IntervalKind", "Quantity", "check_beta_prior"]
+    Rows: TypeAlias = npt.NDArray[Any] | Column
 
+__all__ = [
+    "BetaView", "IntervalKind", "Quantity", "Table", "beta_mean", "beta_std", "check_beta_prior"
+]  # fmt: skip
+
+Table: TypeAlias = "tuple[Rows, Rows, Rows, Mapping[str, Rows]]"
 Quantity = Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-above"]
 
 
@@ -107,7 +113,7 @@ class BetaView(ABC):
 
     def mean(self, region: Region | None = None) -> FloatArray:
         """Expected reflectivity: alpha / (alpha + beta)."""
-        return _mean(*self.parameters(region))
+        return beta_mean(*self.parameters(region))
 
     def mode(self, region: Region | None = None) -> FloatArray:
         """Most probable reflectivity: (alpha - 1) / (alpha + beta - 2).
@@ -119,7 +125,7 @@ class BetaView(ABC):
 
     def std(self, region: Region | None = None) -> FloatArray:
         """Standard deviation of the reflectivity."""
-        return _std(*self.parameters(region))
+        return beta_std(*self.parameters(region))
 
     def interval(
         self,
@@ -242,23 +248,33 @@ class BetaView(ABC):
 
         `probability` is the mean; `std`, `lower` and `upper` (float32) are added.
         """
-        from oddsmap.map_files.npz import save_npz
+        from oddsmap.map_files.npz import all_true, save_npz
 
-        index, alpha, beta = self.cells()
-        hits, passes = self._counts()
-        lower, upper = _on_unique_pairs(
-            lambda x, y: np.stack(beta_interval(x, y, self.level, self.kind)), alpha, beta
-        )
+        index, hits, passes, values = self._table()
         save_npz(
             Path(path),
             index=index,
             hits=hits,
             passes=passes,
-            probability=_mean(alpha, beta),
-            observed=np.ones(len(index), np.bool_),
+            probability=values["mean"],
+            observed=all_true(index.shape[0]),
             resolution=self.resolution,
-            extra={"std": _std(alpha, beta), "lower": lower, "upper": upper},
+            extra={name: values[name] for name in ("std", "lower", "upper")},
             force=force,
+        )
+
+    def _table(self) -> Table:
+        """What `save_npz` writes of the known cells: index, weights, and values by name."""
+        index, alpha, beta = self.cells()
+        hits, passes = self._counts()
+        lower, upper = self._intervals(alpha, beta)
+        values = {"mean": beta_mean(alpha, beta), "std": beta_std(alpha, beta)}
+        return index, hits, passes, {**values, "lower": lower, "upper": upper}
+
+    def _intervals(self, alpha: FloatArray, beta: FloatArray) -> FloatArray:
+        """Lower and upper ends of the view's interval, shape (2, n)."""
+        return _on_unique_pairs(
+            lambda x, y: np.stack(beta_interval(x, y, self.level, self.kind)), alpha, beta
         )
 
     def _label(self, show: Quantity) -> str:
@@ -316,11 +332,13 @@ def _on_unique_pairs(
     return values[:, pair].reshape(-1, *alpha.shape)
 
 
-def _mean(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+def beta_mean(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    """Mean of Beta distributions."""
     return alpha / (alpha + beta)
 
 
-def _std(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+def beta_std(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    """Their standard deviation."""
     total = alpha + beta
     return np.sqrt(alpha / total * (beta / total) / (total + 1.0))
 

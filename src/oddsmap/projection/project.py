@@ -10,20 +10,21 @@ stands in a column. A cell never seen says nothing: it neither greys a column no
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from oddsmap.array_types import FloatArray
-from oddsmap.errors import ConfigError, InputError, MapTooLargeError
+from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.maps.voxel_map import VoxelMap
-from oddsmap.odds import Thresholds
+from oddsmap.odds import Thresholds, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.log_odds import LogOdds
+from oddsmap.projection.columns import Columns
 from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
 
@@ -37,7 +38,7 @@ Ground = (
     | None
 )
 
-_MAX_CELLS = 1 << 31
+_FAR = float(1 << 50)  # [cells]: beyond all cells, and still a whole number
 
 
 def project(
@@ -76,51 +77,84 @@ def project(
     view = LogOdds(source) if isinstance(source, Evidence) else source
     if isinstance(view, Belief) and view.ndim != 3:
         raise InputError("only a 3D map can be projected, this one is 2D already")
-    resolution = view.resolution
-    index, probability = view.cells()
-    if len(index) == 0:
+    box = _box(view)
+    if box is None:
         nothing = np.zeros((0, 0))
-        return ProbabilityMap(nothing, nothing.astype(np.bool_), resolution)
-    lo, hi = index[:, :2].min(axis=0), index[:, :2].max(axis=0) + 1
-    nx, ny = (int(n) for n in hi - lo)
-    if nx * ny > _MAX_CELLS:
-        raise MapTooLargeError(f"the 2D map would have {nx} x {ny} cells; crop the map first")
-    z = (index[:, 2] + 0.5) * resolution
-    if ground is not None:
-        limit = Thresholds() if isinstance(view, VoxelMap) else view.thresholds
-        surface = _surface(ground, index, probability, limit, resolution)
-        # Once per column, not once per cell: cells outnumber columns.
-        number, cell = np.unique((index[:, :2] - lo) @ [1, nx], return_inverse=True)
-        x, y = (number % nx + lo[0] + 0.5) * resolution, (number // nx + lo[1] + 0.5) * resolution
-        z -= np.broadcast_to(np.asarray(surface(x, y), np.float64), x.shape)[cell]
-    band = (z >= z_min) & (z < z_max)
-    column = (index[band, :2] - lo) @ [1, nx]
-    largest = np.full(nx * ny, -1.0)
-    np.maximum.at(largest, column, probability[band])
+        return ProbabilityMap(nothing, nothing.astype(np.bool_), view.resolution)
+    columns = Columns(*box, view.resolution)
+    heights = None if ground is None else _heights(ground, view, columns)
+    largest = np.full(columns.count, -1.0)
+    for index, probability in _cells(view, _layers(z_min, z_max, view, heights)):
+        column = columns.number(index)
+        z = (index[:, 2] + 0.5) * view.resolution
+        if heights is not None:
+            z -= heights[column]
+        band = (z >= z_min) & (z < z_max)
+        np.maximum.at(largest, column[band], probability[band])
     observed = largest >= 0.0
-    prior = view.prior if isinstance(view, Belief) else 0.5
+    largest[~observed] = view.prior if isinstance(view, Belief) else 0.5
     return ProbabilityMap(
-        probability=np.where(observed, largest, prior).reshape(ny, nx),
-        observed=observed.reshape(ny, nx),
-        resolution=resolution,
-        origin=(float(lo[0]) * resolution, float(lo[1]) * resolution),
+        probability=largest.reshape(columns.shape),
+        observed=observed.reshape(columns.shape),
+        resolution=view.resolution,
+        origin=columns.origin,
     )
 
 
+def _box(view: Belief | VoxelMap) -> tuple[IntArray, IntArray] | None:
+    """The box of the cells with a probability; lengths of beams may lie beyond."""
+    return view.evidence.census().bounds if isinstance(view, LogOdds) else view.bounds()
+
+
+def _cells(
+    view: Belief | VoxelMap, z: tuple[int, int] | None = None
+) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Index and probability of the cells, some at a time; of those of some layers at least."""
+    if isinstance(view, VoxelMap):
+        yield view.cells()
+    else:
+        yield from view.parts(sigmoid, z=z)
+
+
+def _layers(
+    z_min: float, z_max: float, view: Belief | VoxelMap, heights: FloatArray | None
+) -> tuple[int, int] | None:
+    """Layers of cells that may lie in the band, first and past the last; None: all may."""
+    low, high = (limit / view.resolution for limit in (z_min, z_max))
+    if heights is not None or not max(abs(low), abs(high)) < _FAR:
+        return None
+    return math.floor(low) - 1, math.ceil(high) + 1
+
+
+def _heights(ground: Ground, view: Belief | VoxelMap, columns: Columns) -> FloatArray:
+    """Height of the ground in each column [m]; where no cell is known, nothing to go by."""
+    seen = np.zeros(columns.count, np.bool_)
+    occupied, free = columns.nowhere(), columns.nowhere()
+    limit = Thresholds() if isinstance(view, VoxelMap) else view.thresholds
+    for index, probability in _cells(view):
+        seen[columns.number(index)] = True
+        if ground == "relative":
+            columns.lower(occupied, index[probability >= limit.occupied])
+            columns.lower(free, index[probability <= limit.free])
+    lowest = (columns.lowest_cells(occupied), columns.lowest_cells(free))
+    surface = _surface(ground, *lowest, view.resolution)
+    # Once per column, not once per cell: cells outnumber columns.
+    number = np.flatnonzero(seen)
+    x, y = ((columns.place(number) + 0.5) * view.resolution).T
+    heights = np.full(columns.count, np.nan)
+    heights[number] = np.asarray(surface(x, y), np.float64)
+    return heights
+
+
 def _surface(
-    ground: Ground,
-    index: npt.NDArray[np.int64],
-    probability: FloatArray,
-    limit: Thresholds,
-    resolution: float,
+    ground: Ground, occupied: IntArray, free: IntArray, resolution: float
 ) -> Callable[[FloatArray, FloatArray], FloatArray]:
     if isinstance(ground, GroundPlane | GroundSurface):
         return ground.at
     if callable(ground):
         return ground
     if ground == "relative":
-        occupied, free = probability >= limit.occupied, probability <= limit.free
-        return fit_ground_surface(index[occupied], resolution, index[free]).at
+        return fit_ground_surface(occupied, resolution, free).at
     raise ConfigError(
         'ground is None, "relative", a GroundPlane, a GroundSurface or a function of x and y, '
         f"got {ground!r}"
