@@ -40,7 +40,11 @@ class Toy:
         self.folder = home / "toy"
         self.kept = self.folder / "__pycache__"
         self.environment = {
-            **{key: word for key, word in os.environ.items() if not key.startswith("NUMBA_")},
+            **{
+                key: word
+                for key, word in os.environ.items()
+                if not key.startswith(("NUMBA_", "ODDSMAP_"))
+            },
             "PYTHONPATH": str(home),
             "PYTHONDONTWRITEBYTECODE": "1",
         }
@@ -141,6 +145,15 @@ def test_shipped_code_is_used_where_it_fits(toy: Toy) -> None:
         assert toy.answer(NUMBA_CPU_NAME="x86-64-v2", NUMBA_CPU_FEATURES="+sse4.2") == (10, 0)
     toy.install(step=8)
     assert toy.answer() == (9, 0)
+
+
+def test_code_for_this_very_processor_goes_before_shipped_code(toy: Toy) -> None:
+    name, needed = shipped_cpu()
+    toy.answer(NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES=needed)
+    toy.kept.rename(toy.folder / SHIPPED)
+    assert toy.answer(ODDSMAP_NATIVE_KERNELS="1") == (10, 0), "it is asked for"
+    (toy.folder / SHIPPED).rename(toy.folder / "away")
+    assert toy.answer() == (10, 1), "and kept"
 
 
 def shipped_cpu() -> tuple[str, str]:
