@@ -45,8 +45,9 @@ def test_help_loads_nothing_heavy(words: list[str]) -> None:
     assert not loaded(*words) & HEAVY
 
 
-def test_settings_need_no_kernels() -> None:
+def test_settings_and_logs_need_no_kernels(office: Path) -> None:
     assert not loaded("config") & (HEAVY - {"numpy"})
+    assert not loaded("info", office) & (HEAVY - {"numpy", "rich"})
 
 
 @pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="nothing is compiled")

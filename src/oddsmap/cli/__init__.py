@@ -16,6 +16,8 @@ def main() -> None:
     # OpenBLAS starts a thread a core when NumPy is loaded, and again for SciPy: 0.1 s of CPU each,
     # and no command multiplies large matrices.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Pydantic, which checks options for Typer, asks every installed package if it is a plugin.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
         from oddsmap.cli.interrupts import interruptible
 
