@@ -15,7 +15,10 @@ from oddsmap.config.config import Config, MapConfig
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.full_map.online import OnlineFullMap
 from oddsmap.kernels.units import ONE
+from oddsmap.readers.carmen_messages import beam_directions
+from oddsmap.readers.lzf import decompress
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.simulate import write_carmen
 
 __all__ = ["run"]
 
@@ -35,12 +38,23 @@ _RAYS: tuple[tuple[oddsmap.BeamSensor, dict[str, Any]], ...] = (
 def run() -> None:
     """Run all of them: some 80 s where everything is compiled."""
     with tempfile.TemporaryDirectory() as folder:
+        _read(Path(folder) / "toy.log")
         for number, grid in enumerate(_maps()):
             _use(grid, Path(folder) / f"{number}.zarr")
     for sensor, options in _RAYS:  # codes of cells in 8 bytes instead of 4
         oddsmap.build_map(_far_scan(), RESOLUTION, sensor=sensor, **options)
     for ndim in (2, 3):
         _full_maps(scans_of(ndim))
+
+
+def _read(log: Path) -> None:
+    directions = beam_directions(-np.pi / 2, np.pi / 180, 180)
+    ranges = np.linspace(1.0, 2.0, 180)
+    scans = [oddsmap.Scan(_pose(2, 0.0), directions, ranges, stamp_ns=0)] * 3
+    write_carmen(log, scans)
+    for _ in oddsmap.open_log(log):
+        pass
+    decompress(b"\0a", 1)
 
 
 def scans_of(ndim: int, count: int = 3) -> Scans:
@@ -133,6 +147,7 @@ def _full_maps(scans: Scans) -> None:
                 method=method, schedule=schedule, sweeps=2, burn_in=1, samples=2
             )
             oddsmap.build_full_map(scans, RESOLUTION, sensor=sensor, settings=settings)
+    sensor.forward_model().bin_likelihoods(1.0, RESOLUTION)
     oddsmap.build_reflection_map(scans, RESOLUTION, sensor=sensor)
     online = OnlineFullMap(
         Config(map=MapConfig(resolution=RESOLUTION), sensor=sensor, full_map=FullMapConfig()),

@@ -71,7 +71,7 @@ def add_beams(
     assert isinstance(evidence.sensor, BeamSensor)
     integrator = Integrator2D(evidence, evidence.sensor, evidence.tiles)
     if marks is not None:
-        integrator._marks = marks
+        integrator._whole = marks
     scans = integrator._in_cells(segments)
     integrator._integrate(scans)
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.evidence_map import EvidenceMap
+from oddsmap.integrate.block_window import BlockWindow
 from oddsmap.integrate.rays3d import Integrator3D
 from oddsmap.integrate.to_cells import to_cells
 from oddsmap.poses.pose import Pose3
@@ -38,8 +39,8 @@ def add_rays(
     assert isinstance(evidence.sensor, BeamSensor)
     integrator = Integrator3D(evidence, evidence.sensor, evidence.tiles, threading.Lock())
     if not skip:
-        integrator._marks_only = False
-        integrator._grow(0)
+        integrator._gathers = "weights"
+        integrator._window = BlockWindow(2, np.int64, integrator._bits)
     ends = np.array([end for end, _, _ in beams], np.float64).reshape(-1, 3)
     tips = np.array([tip for _, tip, _ in beams], np.float64).reshape(-1, 3)
     segments = Segments(

@@ -112,7 +112,12 @@ FLOORS = (
     ("kernels",),
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-KERNEL_FLOORS = (("vote", "infer"), ("trace", "octree"), ("units", "jit"), ("stored_code",))
+KERNEL_FLOORS = (
+    ("vote", "infer"),
+    ("trace", "octree", "decimals", "lzf"),
+    ("units", "jit"),
+    ("stored_code",),
+)
 KERNEL_FLOOR_OF = {room: floor for floor, rooms in enumerate(KERNEL_FLOORS) for room in rooms}
 
 

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import oddsmap.integrate.named_cells
 import oddsmap.integrate.threads
 import oddsmap.sensors.cone
 from oddsmap import EvidenceMap, Pose2, Scan, add_scans, build_map, open_log
@@ -239,3 +240,24 @@ def test_the_textbook_cone_shuts_the_door(data_folder: Path) -> None:
         # Open only when all of it is: a robot does not fit through half a door.
         shut += bool((doorway(path, textbook) >= 0.5).any())
     assert shut >= 8
+
+
+@pytest.mark.parametrize("ndim", [2, 3])
+@pytest.mark.parametrize("blocks", [0, 1, 40, 1 << 12])
+def test_how_many_scans_share_a_window_changes_no_bit(
+    blocks: int, ndim: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Scans without a vote among them, and one that is far away."""
+    scans = wide_scans(9, 30, ndim)
+    nothing = Scan(scans[0].map_from_sensor, scans[0].directions, np.full(8, math.nan))
+    far = Pose2(9000.0, 1.0, 0.0) if ndim == 2 else Pose3(np.eye(3), np.full(3, 9000.0))
+    scans[3:3] = [nothing, Scan(far, scans[0].directions, scans[0].ranges), nothing]
+    want = Counter[tuple[int, ...]]()
+    for scan in scans:
+        for cell, (hits, passes) in votes_of(mapped([scan], KINDS[2], ndim=ndim)).items():
+            want[(*cell, 0)] += hits
+            want[(*cell, 1)] += passes
+    monkeypatch.setattr(oddsmap.integrate.named_cells, "_MOST_BLOCKS", blocks)
+    got = votes_of(mapped(scans, KINDS[2], ndim=ndim))
+    assert got == {cell: (want[(*cell, 0)], want[(*cell, 1)]) for cell in got}
+    assert {key[:-1] for key, weight in want.items() if weight} == got.keys()

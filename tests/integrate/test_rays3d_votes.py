@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import oddsmap.integrate.rays3d
 import oddsmap.integrate.threads
 from oddsmap import BeamSensor, EvidenceMap, Scan, add_scans, build_map, load_map
 from oddsmap.errors import InputError, MapTooLargeError
+from oddsmap.integrate.block_window import BlockWindow
 from oddsmap.kernels.units import MAX_UNITS
 from oddsmap.poses.pose import Pose3
 from tests.kit import AS_FOUND, ONE, random_scans, votes_of
@@ -257,10 +257,10 @@ def test_no_memory_for_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
 
     evidence = EvidenceMap(0.05, ndim=3)
     add_scans(evidence, [cloud((1.0, 2.0, 3.0), at=(0.0, 0.0, 0.0))])  # compiles
-    before = votes_of(evidence)
+    before, window = votes_of(evidence), BlockWindow(1, np.uint8, 3)
     monkeypatch.setattr(np, "zeros", none_left)
     with pytest.raises(MapTooLargeError, match=r"no memory for the 4\.0e\+06 blocks"):
-        oddsmap.integrate.rays3d._new_table(4_000_000)
+        window.open(4_000_000)
     monkeypatch.undo()
     assert votes_of(evidence) == before
 

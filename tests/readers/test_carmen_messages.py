@@ -1,23 +1,41 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import contextlib
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from oddsmap.poses.pose import Pose2
 from oddsmap.readers.carmen_messages import (
     BadLineError,
     LaserLine,
     beam_directions,
+    parse_flaser_text,
     parse_laser_line,
 )
 
 
 def parse(text: str) -> LaserLine:
+    """As any line is read; the way for most lines must say the same, or nothing."""
     fields = text.encode().split()
-    return parse_laser_line(fields[0].decode(), fields)
+    quick = parse_flaser_text(text.encode()) if fields[0] in (b"FLASER", b"RLASER") else None
+    try:
+        line = parse_laser_line(fields[0].decode(), fields)
+    except BadLineError:
+        assert quick is None
+        raise
+    assert quick is None or said(quick) == said(line)
+    return line
+
+
+def said(line: LaserLine) -> tuple[object, ...]:
+    pose = line.map_from_sensor
+    place = (pose.x.hex(), pose.y.hex(), pose.theta.hex())
+    return line.kind, line.ranges.tobytes(), line.start, line.step, line.stamp_ns, place
 
 
 def flaser(
@@ -231,3 +249,42 @@ def test_robotlaser_not_numbers() -> None:
     assert rejected(robotlaser(["1", "x"]))[0] == "line.malformed"
     assert rejected(robotlaser(["1"], geometry="-1 2 wide"))[0] == "line.malformed"
     assert rejected(robotlaser(["1"], remissions="1.5"))[0] == "line.malformed"
+
+
+# What happens to lines: words lost, doubled, put in and spoilt.
+WORDS = [
+    "1.5",
+    "-0",
+    "3",
+    "",
+    "  ",
+    "\t",
+    "nan",
+    "inf",
+    "1e-3",
+    "host",
+    "1_0",
+    "4.",
+    ".5",
+    "9" * 20,
+]
+
+
+@given(
+    st.integers(0, 5),
+    st.lists(st.tuples(st.integers(0, 16), st.integers(0, 2), st.sampled_from(WORDS)), max_size=3),
+)
+@settings(max_examples=500)
+def test_both_ways_to_read_a_line_agree(n: int, damage: list[tuple[int, int, str]]) -> None:
+    words = flaser([f"{k}.25" for k in range(n)]).split()
+    for place, lost, put in damage:
+        at = min(place, len(words))
+        words[at : at + lost] = [put]
+    with contextlib.suppress(BadLineError):
+        parse("FLASER " + " ".join(words[1:]))
+
+
+def test_most_lines_go_the_quick_way() -> None:
+    line = parse_flaser_text(flaser(["1.25", "81.83", "0.50"]).encode())
+    assert line is not None
+    assert line.ranges.tolist() == [1.25, 81.83, 0.5]

@@ -133,7 +133,8 @@ class ProjectiveIntegrator(Integrator3D):
             resolution, side, self._max_cells,
         )  # fmt: skip
         tiles_lo, shape = start.astype(np.int64), (past - start).astype(np.int64)
-        self._open_window(shape)
+        window = self._window
+        window.open(int(shape.prod()))
         first = tiles_lo * side
 
         places = _places(image, rotation, origin / resolution, first, shape * side, resolution)
@@ -141,9 +142,9 @@ class ProjectiveIntegrator(Integrator3D):
         half = 0.5 * math.sqrt(3.0) * resolution
         while not mark_free(
             places, slack, half, image.clear, image.min_clear, image.max_clear, self._bits, shape,
-            self._table, self._used, self._marks,
+            window.table, window.used, window.cells[0],
         ):  # fmt: skip
-            self._grow(0)
+            window.grow(0)
 
         sensor = self._sensor
         farthest = float(np.abs([lo, hi]).max())
@@ -155,10 +156,10 @@ class ProjectiveIntegrator(Integrator3D):
                 depth, image.seen, image.x, image.y, rotation, origin, resolution,
                 sensor.heights, sensor.body, first, self._bits,
                 np.array([1, shape[0], shape[0] * shape[1]]), margin, codes,
-                self._table, self._used, self._marks, skipped, row,
+                window.table, window.used, window.cells[0], skipped, row,
             )  # fmt: skip
             if row >= 0:
-                self._grow(camera.width)
+                window.grow(camera.width)
         self._apply(tiles_lo, shape)
 
 

@@ -10,18 +10,22 @@ from typing import Self
 
 import numpy as np
 
+from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.cell_window import CellWindow
 from oddsmap.integrate.path_lengths import check_lengths
 from oddsmap.kernels.units import ONE
-from oddsmap.kernels.vote.cell_votes import cell_box, gather_cells
+from oddsmap.kernels.vote.cell_votes import gather_cells, run_of_scans
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import CellSensor
 from oddsmap.sensors.cell_votes import CellVotes
 
 __all__ = ["CellIntegrator"]
+
+# Of the window of several scans: each that is touched takes 16 kB in 2D, 8 kB in 3D.
+_MOST_BLOCKS = 1 << 12
 
 
 class CellIntegrator:
@@ -65,25 +69,36 @@ class CellIntegrator:
                     f"scans of {votes.index.shape[1]} dimensions cannot go into a map of "
                     f"{self.tiles.ndim}"
                 )
-            for first, end in zip(votes.offsets[:-1], votes.offsets[1:], strict=True):
-                if end > first:
-                    self._integrate(votes, int(first), int(end))
+            self._add(votes)
             scan_count += len(votes.offsets) - 1
             beam_count += votes.beams
         return scan_count, beam_count, skipped
 
-    def _integrate(self, votes: CellVotes, first: int, end: int) -> None:
-        side = self.tiles.side
+    def _add(self, votes: CellVotes) -> None:
+        # What every beam votes adds up, so that scans can be gathered together: single readings of
+        # a sonar in a quarter of the time. Not where they weigh less, which rounds a scan's sum.
+        joined = self._every_beam and self.scale == ONE
         lo, hi = np.empty((2, self.tiles.ndim), np.int64)
-        cell_box(votes.index, first, end, lo, hi)
-        tiles_lo = lo // side
-        shape = hi // side + 1 - tiles_lo
+        scan = 0
+        while scan < len(votes.offsets) - 1:
+            first = scan
+            scan = run_of_scans(
+                votes.index, votes.offsets, first, self.tiles.side,
+                _MOST_BLOCKS if joined else 0, lo, hi,
+            )  # fmt: skip
+            if hi[0] > lo[0]:
+                self._integrate(votes, int(votes.offsets[first]), int(votes.offsets[scan]), lo, hi)
+
+    def _integrate(
+        self, votes: CellVotes, first: int, end: int, tiles_lo: IntArray, tiles_hi: IntArray
+    ) -> None:
+        shape = tiles_hi - tiles_lo
         first_cell, strides = self._window.open(tiles_lo, shape)
         window = self._window
         while first >= 0:
             first = gather_cells(
-                votes.index, votes.hits, votes.passes, first, end, first_cell, side, strides,
-                self._every_beam, window.table, window.used, window.weights,
+                votes.index, votes.hits, votes.passes, first, end, first_cell, self.tiles.side,
+                strides, self._every_beam, window.table, window.used, window.weights,
             )  # fmt: skip
             if first >= 0:
                 window.grow()

@@ -6,7 +6,6 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from typing import Self
 
 import numpy as np
@@ -15,11 +14,13 @@ import numpy.typing as npt
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
+from oddsmap.integrate.block_window import BlockWindow
 from oddsmap.integrate.path_lengths import LengthIntegrator, check_lengths
 from oddsmap.integrate.to_cells import beam_shape, cells_near_return, to_cells
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.trace.rays3d import COLUMNS, RAYS
 from oddsmap.kernels.units import ONE
+from oddsmap.kernels.vote.beam_counts3d import apply_beams, count_rays
 from oddsmap.kernels.vote.cell_votes import apply_counts
 from oddsmap.kernels.vote.counts3d import count_scan
 from oddsmap.kernels.vote.rays3d import (
@@ -30,7 +31,7 @@ from oddsmap.kernels.vote.rays3d import (
     mark_passes,
     sort_rays,
 )
-from oddsmap.limits import MAX_COORDINATE, TOO_LONG, memory_for, memory_limit
+from oddsmap.limits import MAX_COORDINATE, memory_limit
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import RaySensor
 
@@ -42,8 +43,10 @@ _SHORT_CODES = (1 << 31) - 1
 _LONG_CODES = (1 << 53) - 1
 # A window's table has 4 bytes per block. Only what rays touch takes memory, but that may be all.
 _MAX_TABLE_BLOCKS = min((1 << 31) - 1, memory_limit() // 8)
-# Blocks that there is room for at first; it grows when a scan touches more.
-_FIRST_BLOCKS = 1 << 10
+# Numbers per cell and their type: whether it was passed or hit, how many rays did, or by how much.
+_PER_CELL = {"marks": (1, np.uint8), "counts": (2, np.uint16), "weights": (2, np.int64)}
+# A cell counts as many rays as 16 bits hold; then counts go into the tiles.
+MOST_BEAMS = (1 << 16) - 1
 
 # Below this many rays, to sort them by direction and skip what is marked takes longer than marking
 # it again: 20,000 bundles of one ray take 0.5 s instead of 11.
@@ -75,15 +78,13 @@ class Integrator3D:
         self._every_beam = evidence.votes == "beam"
         self._shape = beam_shape(sensor.hit_shape, evidence.resolution)
         forgets = evidence.config.map.half_life is not None
-        self._marks_only = not self._every_beam and sensor.whole_votes and not forgets
+        self._gathers = _votes_gathered_as(sensor.whole_votes and not forgets, self._every_beam)
         self._bits = tiles.side.bit_length() - 1
         if tiles.side != 1 << self._bits:
             raise InputError(f"3D tiles need a side that is a power of 2, got {tiles.side}")
         self._max_cells = min(_MAX_TABLE_BLOCKS << (3 * self._bits), _LONG_CODES)
-        self._used = np.zeros(1, np.int64)
-        self._marks = np.zeros(0, np.uint8)
-        self._weights = np.zeros((2, 0), np.int64)
-        self._table = np.zeros(0, np.int32)
+        channels, kind = _PER_CELL[self._gathers]
+        self._window = BlockWindow(channels, kind, self._bits)
         self._spans = np.empty((BIN_COUNT, 4))
         self._rays = np.empty(COLUMNS * RAYS)
         self._done = np.zeros(BIN_COUNT, np.int32)
@@ -97,7 +98,6 @@ class Integrator3D:
             self._lengths = LengthIntegrator(
                 evidence.lengths, lock, self._resolution, self.lost[1:]
             )
-        self._grow(_FIRST_BLOCKS)
 
     @classmethod
     def for_threads(cls, evidence: Evidence, sensor: RaySensor, threads: int) -> Sequence[Self]:
@@ -120,39 +120,36 @@ class Integrator3D:
     def _integrate(self, scans: ScanCells, scan: int) -> None:
         tiles_lo = scans.tiles_lo[scan]
         shape = scans.tiles_hi[scan] - tiles_lo
-        self._open_window(shape)
-        if self._marks_only:
+        self._window.open(int(shape.prod()))
+        if self._gathers == "marks":
             self._mark(scans, scan, shape)
-        else:
+        elif self._gathers == "counts":
             self._count(scans, scan, shape)
+        else:
+            self._weigh(scans, scan, shape)
         self._apply(tiles_lo, shape)
 
-    def _open_window(self, shape: npt.NDArray[np.int64]) -> None:
-        """Make a table for a window of so many blocks."""
-        if len(self._table) < shape.prod():
-            self._table = _new_table(int(shape.prod()))
-
     def _apply(self, tiles_lo: npt.NDArray[np.int64], shape: npt.NDArray[np.int64]) -> None:
-        """Add what is marked or counted in a window to the tiles."""
+        """Add what is gathered in the window to the tiles."""
+        window, lost = self._window, self.lost
+        across, up = int(shape[0]), int(shape[1])
         with self._lock:
-            touched = int(self._used[0])
-            self.tiles.reserve(
-                touched, touched if self.tiles.any_full or not self._marks_only else 0
-            )
-            if self._marks_only:
+            touched = int(window.used[0])
+            marks = self._gathers == "marks"
+            self.tiles.reserve(touched, 0 if marks and not self.tiles.any_full else touched)
+            tiles = self.tiles.arrays
+            if marks:
                 fits = apply_marks(
-                    self.tiles.arrays,
-                    tiles_lo,
-                    int(shape[0]),
-                    int(shape[1]),
-                    self._table,
-                    self._used,
-                    self._marks,
+                    tiles, tiles_lo, across, up, window.table, window.used, window.cells[0]
+                )
+            elif self._gathers == "counts":
+                fits = apply_beams(
+                    tiles, tiles_lo, across, up, window.table, window.used, window.cells
                 )
             else:
                 fits = apply_counts(
-                    self.tiles.arrays, tiles_lo, shape, self._every_beam, self.scale,
-                    self._table, self._used, self._weights, self.lost,
+                    tiles, tiles_lo, shape, self._every_beam, self.scale,
+                    window.table, window.used, window.cells, lost,
                 )  # fmt: skip
         if not fits:
             raise MapTooLargeError(
@@ -161,7 +158,7 @@ class Integrator3D:
 
     def _mark(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
         lo, strides = scans.tiles_lo[scan] << self._bits, _strides(shape)
-        buffer = self._ray_buffer(shape, SLABS)
+        window, buffer = self._window, self._ray_buffer(shape, SLABS)
         bundles = range(scans.bundles[scan], scans.bundles[scan + 1])
         # All passes first: hits of one bundle go before the passes of another.
         for bundle in bundles:
@@ -175,20 +172,42 @@ class Integrator3D:
             while first >= 0:
                 first = mark_passes(
                     origin, ends, lo, self._bits, strides, bins, self._spans, self._done,
-                    self._rays, buffer, self._table, self._used, self._marks, skips, first,
+                    self._rays, buffer, window.table, window.used, window.cells[0], skips, first,
                 )  # fmt: skip
                 if first >= 0:
-                    self._grow(3 * buffer.shape[1] + len(ends))
+                    window.grow(3 * buffer.shape[1] + len(ends))
         for bundle in bundles:
             part = _part(scans, bundle)
             while not mark_hits(
                 scans.ends[part], scans.hit[part], lo, self._bits, strides,
-                self._table, self._used, self._marks,
+                window.table, window.used, window.cells[0],
             ):  # fmt: skip
-                self._grow(part.stop - part.start)
+                window.grow(part.stop - part.start)
 
     def _count(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
-        buffer = self._ray_buffer(shape, 0)
+        lo, strides = scans.tiles_lo[scan] << self._bits, _strides(shape)
+        window, buffer = self._window, self._ray_buffer(shape, SLABS)
+        counted = 0
+        for bundle in range(scans.bundles[scan], scans.bundles[scan + 1]):
+            part = _part(scans, bundle)
+            for begin in range(part.start, part.stop, MOST_BEAMS):
+                rays = slice(begin, min(begin + MOST_BEAMS, part.stop))
+                if counted + rays.stop - rays.start > MOST_BEAMS:
+                    self._apply(scans.tiles_lo[scan], shape)
+                    counted = 0
+                counted += rays.stop - rays.start
+                first = 0
+                while first >= 0:
+                    first = count_rays(
+                        scans.origins[bundle], scans.ends[rays], scans.hit[rays],
+                        lo, self._bits, strides, self._rays, buffer,
+                        window.table, window.used, window.cells, first,
+                    )  # fmt: skip
+                    if first >= 0:
+                        window.grow(3 * buffer.shape[1] + RAYS)
+
+    def _weigh(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
+        window, buffer = self._window, self._ray_buffer(shape, 0)
         for bundle in range(scans.bundles[scan], scans.bundles[scan + 1]):
             part = _part(scans, bundle)
             first = 0
@@ -198,11 +217,11 @@ class Integrator3D:
                     scans.hit[part],
                     scans.tiles_lo[scan] << self._bits, self._bits, _strides(shape),
                     self._every_beam, self._shape, self._rays, buffer,
-                    self._table, self._used, self._weights,
+                    window.table, window.used, window.cells,
                     self._zone, self._zone_left, self._zone_weights, first,
                 )  # fmt: skip
                 if first >= 0:
-                    self._grow(3 * buffer.shape[1] + 2 * len(self._zone))
+                    window.grow(3 * buffer.shape[1] + 2 * len(self._zone))
 
     def _ray_buffer(self, shape: npt.NDArray[np.int64], more: int) -> npt.NDArray[np.signedinteger]:
         """Room for the slabs of one ray through a window, and `more`."""
@@ -215,32 +234,12 @@ class Integrator3D:
         short = int(shape.prod()) << (3 * self._bits) <= _SHORT_CODES
         return np.empty(size, np.int32) if short else np.empty(size, np.int64)
 
-    def _grow(self, more: int) -> None:
-        before = len(self._used)
-        blocks = 2 * before + more
-        cells = blocks << (3 * self._bits)
-        with _memory_for(blocks, cells * (1 if self._marks_only else 16)):
-            # np.zeros takes address space; memory only where a block is touched.
-            used = np.zeros(blocks, np.int64)
-            used[:before] = self._used
-            if self._marks_only:
-                marks = np.zeros(cells, np.uint8)
-                marks[: len(self._marks)] = self._marks
-                self._marks = marks
-            else:
-                weights = np.zeros((2, cells), np.int64)
-                weights[:, : self._weights.shape[1]] = self._weights
-                self._weights = weights
-        self._used = used
 
-
-def _new_table(blocks: int) -> npt.NDArray[np.int32]:
-    with _memory_for(blocks, 4 * blocks):
-        return np.zeros(blocks, np.int32)
-
-
-def _memory_for(blocks: int, size: int) -> AbstractContextManager[None]:
-    return memory_for(f"the {blocks:.1e} blocks around one scan ({1e-9 * size:.1f} GB)", TOO_LONG)
+def _votes_gathered_as(whole: bool, every_beam: bool) -> str:
+    """How the votes of a scan are gathered: see `_PER_CELL`."""
+    if not whole:
+        return "weights"
+    return "counts" if every_beam else "marks"
 
 
 def _part(scans: ScanCells, bundle: int) -> slice:

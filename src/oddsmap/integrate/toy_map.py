@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from oddsmap.evidence.evidence import Evidence
@@ -23,19 +25,27 @@ __all__ = ["compile_kernels"]
 
 def compile_kernels(evidence: Evidence, sensor: Sensor, method: str) -> float:
     """Compile what a map needs, or load it from the cache; returns the seconds that took."""
-    weights = (
-        evidence.votes == "beam"
-        or evidence.config.map.half_life is not None
-        or not getattr(sensor, "whole_votes", True)
-    )
-    lengths = evidence.lengths is not None
+    weights = evidence.config.map.half_life is not None or not getattr(sensor, "whole_votes", True)
     return warm_up(
-        _map_a_toy, evidence.ndim, sensor.evidence_from, sensor.kind, weights, lengths, method
+        _map_a_toy,
+        evidence.ndim,
+        sensor.evidence_from,
+        sensor.kind,
+        evidence.votes,
+        weights,
+        evidence.lengths is not None,
+        method,
     )
 
 
 def _map_a_toy(
-    ndim: int, source: str, kind: str, weights: bool, lengths: bool, method: str
+    ndim: int,
+    source: str,
+    kind: str,
+    votes: Literal["scan", "beam"],
+    weights: bool,
+    lengths: bool,
+    method: str,
 ) -> None:
     pose = Pose2(0.5, 0.5, 0.0) if ndim == 2 else Pose3(np.eye(3), np.full(3, 0.5))
     scan: Measurement = Scan(pose, np.eye(ndim), np.full(ndim, 3.0))
@@ -47,7 +57,6 @@ def _map_a_toy(
     elif method == "projective" and isinstance(pose, Pose3):
         camera = PinholeCamera(2.0, 2.0, 1.5, 1.5, width=4, height=4)
         scan = DepthScan(pose, np.full((4, 4), 3.0, np.float32), camera)
-    votes = "beam" if lengths else "scan"
     toy = Evidence(1.0, sensor=sensor, votes=votes, path_lengths=lengths, ndim=ndim)
     for _ in WorkerPool(toy, sensor, 1, method).run([scan]):
         pass

@@ -19,9 +19,11 @@ from itertools import pairwise
 
 from oddsmap.errors import InputError
 from oddsmap.readers.carmen_messages import (
+    HALF_CIRCLE,
     LASER_KINDS,
     BadLineError,
     LaserLine,
+    parse_flaser_text,
     parse_laser_line,
 )
 from oddsmap.readers.compression import Source
@@ -81,15 +83,19 @@ def open_carmen(source: Source) -> LoadedLog:
     skipped = source.initial_skipped()
     bad_count = 0
     for number, text in enumerate(source.content.splitlines(), start=1):
-        fields = text.split()
-        if not fields or fields[0].startswith(b"#"):
+        words = text.split(None, 1)
+        if not words or words[0].startswith(b"#"):
             continue
-        kind = fields[0][:24].decode("ascii", "replace")
+        kind = words[0][:24].decode("ascii", "replace")
         kinds[kind] += 1
         if kind not in LASER_KINDS:
             continue
+        line = parse_flaser_text(text) if kind in HALF_CIRCLE else None
+        if line is not None:
+            lines.append(line)
+            continue
         try:
-            lines.append(parse_laser_line(kind, fields))
+            lines.append(parse_laser_line(kind, text.split()))
         except BadLineError as error:
             skipped[error.reason] += 1
             bad_count += 1
@@ -132,7 +138,7 @@ def _note_assumptions(lines: list[LaserLine], kinds: Counter[str], notes: list[N
                 f"{len(lines) - len(stamps)} scans have no usable time stamp", code="stamp.missing"
             )
         )
-    half_circle = {len(line.ranges) for line in lines if line.kind in ("FLASER", "RLASER")}
+    half_circle = {len(line.ranges) for line in lines if line.kind in HALF_CIRCLE}
     if unusual := half_circle - _USUAL_BEAM_COUNTS:
         counts = ", ".join(str(count) for count in sorted(unusual))
         notes.append(

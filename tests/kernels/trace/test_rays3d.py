@@ -14,9 +14,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import oddsmap
+import oddsmap.integrate.block_window
 import oddsmap.integrate.rays3d
 from oddsmap.evidence_map import EvidenceMap
-from oddsmap.integrate.rays3d import Integrator3D
+from oddsmap.integrate.block_window import BlockWindow
 from oddsmap.kernels.vote.rays3d import BIN_COUNT, sort_rays
 from oddsmap.poses.pose import Pose3
 from oddsmap.scans.measurement import ranges_of
@@ -348,17 +349,17 @@ def test_growing_in_the_middle_of_a_scan_changes_no_bit(
     roomy, cramped = (EvidenceMap(1.0, ndim=3, votes=votes, tile_side=side) for _ in range(2))
     add_rays(roomy, origin, beams)
     rooms: list[int] = []
-    grow = Integrator3D._grow
+    grow = BlockWindow.grow
 
-    def grow_a_little(self: Integrator3D, more: int) -> None:
+    def grow_a_little(self: BlockWindow, more: int) -> None:
         grow(self, min(more, 1))
         # Not twice as much each time: what is given back is taken from the end, and unused.
-        room = min(len(self._used), (rooms[-1] if rooms else 0) + 150)
-        self._used = self._used[:room].copy()
+        room = min(len(self.used), (rooms[-1] if rooms else 0) + 150)
+        self.used = self.used[:room].copy()
         rooms.append(room)
 
-    monkeypatch.setattr(oddsmap.integrate.rays3d, "_FIRST_BLOCKS", 0)
-    monkeypatch.setattr(Integrator3D, "_grow", grow_a_little)
+    monkeypatch.setattr(oddsmap.integrate.block_window, "_FIRST_BLOCKS", 0)
+    monkeypatch.setattr(BlockWindow, "grow", grow_a_little)
     add_rays(cramped, origin, beams)
     assert len(rooms) >= 8
     assert votes_of(cramped) == votes_of(roomy)

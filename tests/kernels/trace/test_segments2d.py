@@ -177,6 +177,7 @@ def test_blocks_change_no_bit(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(oddsmap.integrate.rays2d, "_MARK_WINDOW", window)
         patch.setattr(oddsmap.integrate.rays2d, "_COUNT_WINDOW", window)
+        patch.setattr(oddsmap.integrate.rays2d, "_WEIGHT_WINDOW", window)
         add_beams(cut, origin, beams)
     assert votes_of(cut) == votes_of(whole)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Weights of single cells, 2D or 3D, gathered scan by scan.
+"""Weights of single cells, 2D or 3D, gathered in a window and then added to tiles.
 
 For sensors that list the cells of a reading themselves (a cone, a camera that sees the
-cells): what the rays of `rays2d.py` and `rays3d.py` do not have to list, because it is
+cells): what the kernels of rays do not have to list, because it is
 implied. The window is `rays3d.py`'s: a table of blocks, memory where a block is touched.
 """
 
@@ -11,12 +11,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.kernels.jit import borrowing, kernel
+from oddsmap.kernels.jit import borrowing, inlined, kernel
 from oddsmap.kernels.units import HITS, PASSES
 from oddsmap.kernels.vote.forgetting import scale_units
 from oddsmap.kernels.vote.tiles import TileArrays, add_units, find_or_insert
 
-__all__ = ["apply_counts", "cell_box", "gather_cells"]
+__all__ = ["apply_counts", "gather_cells", "run_of_scans"]
 
 IntArray = npt.NDArray[np.int64]
 
@@ -96,23 +96,61 @@ def gather_cells(
 
 
 @borrowing
-def cell_box(index: IntArray, first: int, end: int, lo: IntArray, hi: IntArray) -> None:
-    """The lowest and the highest index of some cells, along each axis.
-
-    NumPy's min and max along the short rows of `index` take longer than adding the votes.
+def run_of_scans(
+    index: IntArray,
+    offsets: IntArray,
+    first: int,
+    side: int,
+    most_blocks: int,
+    lo: IntArray,
+    hi: IntArray,
+) -> int:
+    """The longest run of scans whose cells lie in a window of so many blocks; at least one scan.
 
     Args:
         index: cells, shape (n, d).
-        first: which to begin with.
-        end: past the last one, above `first`.
-        lo: takes the lowest, shape (d,).
-        hi: takes the highest, shape (d,).
+        offsets: first cell of each scan, and the end, shape (scans + 1,).
+        first: scan to begin with.
+        side: cells along a block's side.
+        most_blocks: of the window of several scans; 0: one scan alone.
+        lo: takes the first block of the window, shape (d,).
+        hi: takes what lies past its last one, shape (d,). Equal to `lo`: no scan of the run has a
+            cell.
+
+    Returns:
+        The scan after the run.
     """
-    for axis in range(index.shape[1]):
-        lowest = highest = index[first, axis]
-        for i in range(first, end):
-            lowest, highest = min(lowest, index[i, axis]), max(highest, index[i, axis])
-        lo[axis], hi[axis] = lowest, highest
+    d = index.shape[1]
+    lo[:] = 0
+    hi[:] = 0
+    empty = True
+    for scan in range(first, offsets.shape[0] - 1):
+        begin, end = offsets[scan], offsets[scan + 1]
+        if begin == end:
+            continue
+        blocks = 1.0
+        for axis in range(d):
+            lowest, highest = _extent(index, begin, end, axis, side)
+            if not empty:
+                lowest, highest = min(lowest, lo[axis]), max(highest, hi[axis])
+            blocks *= highest - lowest
+        if not empty and blocks > most_blocks:
+            return scan
+        for axis in range(d):
+            lowest, highest = _extent(index, begin, end, axis, side)
+            lo[axis] = lowest if empty else min(lowest, lo[axis])
+            hi[axis] = highest if empty else max(highest, hi[axis])
+        empty = False
+    return offsets.shape[0] - 1
+
+
+@inlined
+def _extent(index: IntArray, begin: int, end: int, axis: int, side: int) -> tuple[int, int]:
+    # The first block of some cells along an axis, and what lies past the last one.
+    lowest = highest = index[begin, axis]
+    for i in range(begin, end):
+        lowest, highest = min(lowest, index[i, axis]), max(highest, index[i, axis])
+    return lowest // side, highest // side + 1
 
 
 @kernel

@@ -25,6 +25,7 @@ __all__ = [
     "find",
     "find_or_insert",
     "flush",
+    "grow_load",
     "has_room",
     "make_room_for_vote",
     "rehash",
@@ -161,14 +162,20 @@ def flush(tiles: TileArrays, slot: int) -> bool:
 
 
 @borrowing
+def grow_load(tiles: TileArrays, slot: int, votes: int) -> None:
+    """Note that cells of a tile have grown by up to so many whole votes, which it had room for."""
+    tiles.load[slot] += np.uint8(votes)
+    if tiles.load[slot] == NARROW_MAX:
+        tiles.counts[ANY_FULL] = 1
+
+
+@borrowing
 def make_room_for_vote(tiles: TileArrays, slot: int) -> bool:
     """Let every cell of a tile take one more whole vote; False where a cell passed MAX_UNITS."""
     fits = True
     if tiles.load[slot] == NARROW_MAX:
         fits = flush(tiles, slot)
-    tiles.load[slot] += np.uint8(1)
-    if tiles.load[slot] == NARROW_MAX:
-        tiles.counts[ANY_FULL] = 1
+    grow_load(tiles, slot, 1)
     return fits
 
 
@@ -193,9 +200,7 @@ def add_units(
         for cell in range(hits.shape[0]):
             narrow[HITS, cell] += np.uint8(hits[cell] >> FRACTION_BITS)
             narrow[PASSES, cell] += np.uint8(passes[cell] >> FRACTION_BITS)
-        tiles.load[slot] += np.uint8(votes)
-        if tiles.load[slot] == NARROW_MAX:
-            tiles.counts[ANY_FULL] = 1
+        grow_load(tiles, slot, votes)
         return True
     row = wide_row(tiles, slot)
     fits = True
