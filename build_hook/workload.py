@@ -36,7 +36,7 @@ _RAYS: tuple[tuple[oddsmap.BeamSensor, dict[str, Any]], ...] = (
 
 
 def run() -> None:
-    """Run all of them: some 80 s where everything is compiled."""
+    """Run all of them: two minutes where everything is compiled."""
     with tempfile.TemporaryDirectory() as folder:
         _read(Path(folder) / "toy.log")
         for number, grid in enumerate(_maps()):
