@@ -112,7 +112,12 @@ FLOORS = (
     ("kernels",),
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-KERNEL_FLOORS = (("vote", "infer"), ("trace", "octree", "decimals", "lzf"), ("units", "jit"))
+KERNEL_FLOORS = (
+    ("vote", "infer"),
+    ("trace", "octree", "decimals", "lzf"),
+    ("units", "jit"),
+    ("stored_code",),
+)
 KERNEL_FLOOR_OF = {room: floor for floor, rooms in enumerate(KERNEL_FLOORS) for room in rooms}
 
 
@@ -328,4 +333,6 @@ def test_this_test_sees_code_of_data() -> None:
 @pytest.mark.parametrize("module", SOURCES)
 def test_what_is_read_is_never_run(module: str) -> None:
     tree = ast.parse(SOURCES[module].read_text(encoding="utf-8"))
-    assert code_of_data(tree) == set()
+    # Machine code is there to be run: SECURITY.md says who must not write where it is kept.
+    allowed = {"pickle", "pickle.loads"} if module == "oddsmap.kernels.stored_code" else set()
+    assert code_of_data(tree) <= allowed

@@ -95,7 +95,7 @@ def test_compiling_for_good(tmp_path: Path) -> None:
     kernel = judge_all
     if not hasattr(kernel, "_cache"):
         pytest.skip("NUMBA_DISABLE_JIT: nothing is compiled")
-    assert hasattr(kernel._cache, "_cache_file")  # what tells that machine code is kept
+    assert kernel._cache.is_kept  # what tells that machine code is kept
     from numba.core import event
 
     said: list[str] = []

@@ -28,7 +28,7 @@ def when_compiling(say: Callable[[str], None]) -> Iterator[None]:
             if not self.said:
                 self.said = True
                 cache = getattr(started.data["dispatcher"], "_cache", None)
-                say(ONCE if hasattr(cache, "_cache_file") else EACH_TIME)
+                say(ONCE if getattr(cache, "is_kept", False) else EACH_TIME)
 
         def on_end(self, ended: Any) -> None:
             pass

@@ -67,12 +67,12 @@ def info(
 
 
 def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any]:
-    from oddsmap.evidence.store import is_map
     from oddsmap.full_map.store import is_full_map
     from oddsmap.map_files.octomap_reader import is_octomap
+    from oddsmap.map_files.zarr_snapshot import holds
 
     with working(f"reading {path.name}", quiet=quiet, compiles=False):
-        if is_map(path):
+        if holds(path, "hits"):  # `is_map`, without the kernels that evidence comes with
             from oddsmap.evidence.saved_totals import read_totals
 
             return _of_map(read_totals(path), path)

@@ -58,7 +58,7 @@ from oddsmap.map_files.zarr_header import (
     whole_numbers,
 )
 from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
-from oddsmap.map_files.zarr_snapshot import read_unchanged, settled
+from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 
 __all__ = ["is_map", "read_map", "save_map"]
 
@@ -73,8 +73,7 @@ _LENGTHS = {"lengths": "length of the beams inside the cell [weight_unit sides o
 
 def is_map(path: str | os.PathLike[str]) -> bool:
     """Whether a path looks like a saved map: a Zarr folder with hits and passes."""
-    folder = settled(Path(path))
-    return (folder / "zarr.json").is_file() and (folder / "hits").is_dir()
+    return holds(path, "hits")
 
 
 def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = False) -> None:

@@ -31,7 +31,7 @@ from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import FORMAT_VERSION, FULL_MAP, SHARD, new_folder
 from oddsmap.map_files.zarr_header import Header, check_place, read_header
 from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
-from oddsmap.map_files.zarr_snapshot import read_unchanged, settled
+from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 
 __all__ = ["FullMapFields", "is_full_map", "read_full_map", "save_full_map"]
 
@@ -58,8 +58,7 @@ class FullMapFields(NamedTuple):
 
 def is_full_map(path: str | os.PathLike[str]) -> bool:
     """Whether a path looks like a saved full map: a Zarr folder with log odds."""
-    folder = settled(Path(path))
-    return (folder / "zarr.json").is_file() and (folder / "log_odds").is_dir()
+    return holds(path, "log_odds")
 
 
 def save_full_map(

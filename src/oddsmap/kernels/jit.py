@@ -2,25 +2,19 @@
 """How kernels are compiled: the one place that knows the compiler's options.
 
 `kernel` is the rule, `borrowing` the exception for the inner loops of mapping, and `inlined` is for
-small functions inside either. Machine code is kept on disk and is valid for exactly the sources it
-was made from.
+small functions inside either. Machine code is kept on disk: see `oddsmap.kernels.stored_code`.
 """
 
 from __future__ import annotations
 
-import hashlib
-import secrets
 from collections.abc import Callable
-from functools import cache
-from importlib.resources import files
-from importlib.resources.abc import Traversable
 from typing import Any, TypeVar, cast
 
 from numba import njit
 
-__all__ = ["borrowing", "inlined", "kernel", "sources_digest"]
+from oddsmap.kernels.stored_code import StoredCode
 
-_PROCESS = secrets.token_hex(4)
+__all__ = ["borrowing", "inlined", "kernel"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -28,7 +22,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 def kernel(function: F) -> F:
     """Compile a module-level function.
 
-    `cache` keeps the machine code on disk (a cached start takes about 0.2 s instead of 10), and
     `nogil` lets ordinary Python threads run kernels side by side. No `fastmath`: results are exact.
     """
     return cast(F, _compiled(function, counts_references=True))
@@ -56,47 +49,9 @@ def inlined(function: F) -> F:
 
 
 def _compiled(function: Callable[..., Any], *, counts_references: bool) -> object:
-    """Compile with a cache on disk that is valid for all sources of the kernels as they are.
-
-    Numba's own stamp is a digest of the file of the compiled function alone, but a kernel calls
-    and inlines functions of other files, and pip leaves the machine code of the old version behind
-    when it installs a new one. So the index holds a digest of all sources. The names of the data
-    files hold it, too, and a word of this process: Numba writes the index first, and whoever is
-    killed in between, or compiles at the same time, must not make it name another's code.
-    """
     # Always stated: where it is not, Numba takes the option of whichever caller compiles first.
     options = {"nogil": True, "error_model": "numpy", "_nrt": counts_references}
-    try:
-        dispatcher = njit(cache=True, **options)(function)
-        if dispatcher is function:  # NUMBA_DISABLE_JIT: plain Python
-            return function
-        index, digest = dispatcher._cache._cache_file, sources_digest()
-        base, _, _ = index._data_name_pattern.partition(".{number")
-        index._data_name_pattern = f"{base}.{digest[:16]}-{_PROCESS}.{{number:d}}.nbc"
-        index._source_stamp = (index._source_stamp, digest)
-    except (AttributeError, RuntimeError):
-        # No folder to write to, or a Numba that keeps its cache in another way: compile in each
-        # process rather than fail, or trust what may be stale.
-        return njit(**options)(function)
+    dispatcher = njit(**options)(function)
+    if dispatcher is not function:  # NUMBA_DISABLE_JIT: plain Python
+        dispatcher._cache = StoredCode(function)
     return dispatcher
-
-
-@cache
-def sources_digest() -> str:
-    """A digest of every source file of the kernels, by name and content."""
-    digest = hashlib.sha256()
-    for name, source in sorted(_sources(files(__package__), "")):
-        content = source.read_bytes()
-        digest.update(f"{name}\0{len(content)}\0".encode())
-        digest.update(content)
-    return digest.hexdigest()
-
-
-def _sources(folder: Traversable, prefix: str) -> list[tuple[str, Traversable]]:
-    found = []
-    for entry in folder.iterdir():
-        if entry.is_dir() and entry.name != "__pycache__":
-            found += _sources(entry, f"{prefix}{entry.name}/")
-        elif entry.name.endswith(".py"):
-            found.append((prefix + entry.name, entry))
-    return found

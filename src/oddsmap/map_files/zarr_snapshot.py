@@ -17,7 +17,7 @@ from typing import TypeVar
 from oddsmap.atomic_write import put_back
 from oddsmap.errors import InputError, OddsmapError
 
-__all__ = ["read_unchanged", "settled"]
+__all__ = ["holds", "read_unchanged", "settled"]
 
 T = TypeVar("T")
 
@@ -30,6 +30,12 @@ _DAMAGE = (
     OSError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, RuntimeError,
 )  # fmt: skip
 _Mark = tuple[int, int, int, bytes]
+
+
+def holds(path: str | os.PathLike[str], array: str) -> bool:
+    """Whether a path looks like a saved map that has an array of this name."""
+    folder = settled(Path(path))
+    return (folder / "zarr.json").is_file() and (folder / array).is_dir()
 
 
 def settled(path: Path) -> Path:

@@ -122,7 +122,8 @@ class FloorPlan:
             # Few points are near any one shape: this saves nine tenths of the time.
             ring = shape.vertices
             near = np.flatnonzero(((p >= ring.min(axis=0)) & (p <= ring.max(axis=0))).all(axis=1))
-            inside[near] |= _inside_ring(p[near], ring)
+            if len(near):
+                inside[near] |= _inside_ring(p[near], ring)
         return inside
 
     def rasterise(
