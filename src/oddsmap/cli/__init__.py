@@ -13,12 +13,12 @@ INTERRUPTED = "interrupted: each output is as it was, or new and complete"
 
 def main() -> None:
     """Run `oddsmap`; see `oddsmap.cli.app`. Ctrl-C at any moment is one line and status 130."""
-    # OpenBLAS starts a thread a core when NumPy is loaded, and again for SciPy: 0.1 s of CPU each,
-    # and no command multiplies large matrices.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Pydantic, which checks options for Typer, asks every installed package if it is a plugin.
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     try:
+        # OpenBLAS starts a thread per core when NumPy is loaded, and again for SciPy: 0.1 s of CPU
+        # each, and no command multiplies large matrices.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # Pydantic, which checks options for Typer, asks every installed package if it is a plugin.
+        os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
         from oddsmap.cli.interrupts import interruptible
 
         with interruptible():
