@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from oddsmap.map_files import side_by_side as module
-from oddsmap.map_files.side_by_side import do_side_by_side, side_by_side
+from oddsmap.map_files.side_by_side import do_side_by_side
 
 
 @pytest.fixture(params=[1, 2, 4], autouse=True)
@@ -20,27 +20,31 @@ def threads(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     return count
 
 
-def test_results_come_in_order() -> None:
-    def slow(i: int) -> int:
-        time.sleep(0.001 * (i % 3))
-        return i * i
-
-    with side_by_side(slow, range(20)) as found:
-        assert list(found) == [i * i for i in range(20)]
+def test_everything_is_done_once() -> None:
+    done: list[int] = []
+    do_side_by_side(done.append, range(200))
+    assert sorted(done) == list(range(200))
 
 
-def test_no_more_is_begun_than_is_taken(threads: int) -> None:
-    taken = []
+def test_things_are_taken_as_they_are_worked_on(threads: int) -> None:
+    """A shard's tiles are gathered when it is taken: not those of the whole map at once."""
+    taken = 0
+    ended: list[int] = []
+    ahead: list[int] = []
 
     def items() -> Iterator[int]:
+        nonlocal taken
         for i in range(100):
-            taken.append(i)
+            taken += 1
+            ahead.append(taken - len(ended))
             yield i
 
-    with side_by_side(lambda i: i, items()) as found:
-        for _ in range(3):
-            next(found)
-        assert len(taken) <= 3 + threads
+    def work(i: int) -> None:
+        time.sleep(0.0005)
+        ended.append(i)
+
+    do_side_by_side(work, items())
+    assert max(ahead) <= threads + 2
 
 
 @pytest.mark.parametrize(
@@ -64,8 +68,8 @@ def test_what_goes_wrong_ends_it(error: BaseException, threads: int) -> None:
     assert threading.active_count() < 10
 
 
-def test_an_interrupt_between_two_results() -> None:
-    """As it comes to the main thread, while others are at work."""
+def test_an_interrupt_in_the_main_thread() -> None:
+    """As Ctrl-C comes, while others are at work."""
     at_work: list[int] = []
 
     def work(i: int) -> None:
@@ -73,11 +77,10 @@ def test_an_interrupt_between_two_results() -> None:
         time.sleep(0.01)
         at_work.remove(i)
 
-    def interrupted() -> None:
-        with side_by_side(work, range(100)) as done:
-            next(done)
-            raise KeyboardInterrupt
+    def items() -> Iterator[int]:
+        yield from range(5)
+        raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        interrupted()
+        do_side_by_side(work, items())
     assert at_work == []

@@ -57,7 +57,7 @@ from oddsmap.map_files.zarr_header import (
     read_header,
     whole_numbers,
 )
-from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
+from oddsmap.map_files.zarr_shards import SavedShards
 from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 
 __all__ = ["is_map", "read_map", "save_map"]
@@ -194,9 +194,7 @@ def _read(
     for tiles, names in stored:
         unit = _unit_of(header.arrays[names[0]].attributes, names[0])
 
-        def tiles_of(
-            chunks: SavedChunks, names: tuple[str, ...] = names, unit: int = unit
-        ) -> tuple[IntArray, npt.NDArray[Any], npt.NDArray[Any]]:
+        for chunks in shards.read_all(names, lo, hi):
             for cells, name in zip(chunks.cells, names, strict=True):
                 _check_counts(cells, unit, name)
                 if lo is not None or hi is not None:
@@ -206,14 +204,11 @@ def _read(
             counts = [blocks_from_chunks(cells, side, d, some) for cells in chunks.cells]
             # Lengths are stored in place of passes.
             hits, passes = counts if len(counts) == 2 else (np.zeros_like(counts[0]), counts[0])
-            return block_coords(chunks.first, side, some), hits, passes
-
-        with shards.read_all(names, tiles_of, lo, hi) as found:
-            for coords, hits, passes in found:
-                append_counts(tiles, coords, hits, passes, unit)
-                if take is not None:
-                    take(evidence)
-                    tiles.clear()
+            coords = block_coords(chunks.first, side, some)
+            append_counts(tiles, coords, hits, passes, unit)
+            if take is not None:
+                take(evidence)
+                tiles.clear()
     return evidence
 
 

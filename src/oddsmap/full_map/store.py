@@ -30,7 +30,7 @@ from oddsmap.map_files.chunk_blocks import (
 from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import FORMAT_VERSION, FULL_MAP, SHARD, new_folder
 from oddsmap.map_files.zarr_header import Header, check_place, read_header
-from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
+from oddsmap.map_files.zarr_shards import SavedShards
 from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 
 __all__ = ["FullMapFields", "is_full_map", "read_full_map", "save_full_map"]
@@ -141,7 +141,7 @@ def _read(path: Path) -> FullMapFields:
     seen: list[npt.NDArray[Any]] = []
     taken, limit = 0, memory_limit()
 
-    def blocks_of(chunks: SavedChunks) -> tuple[IntArray, npt.NDArray[Any], npt.NDArray[Any]]:
+    for chunks in SavedShards(path, header).read_all(tuple(_TYPES)):
         log_odds, marks = chunks.cells
         if not np.isfinite(log_odds).all():
             raise ValueError("log_odds holds values that are no numbers")
@@ -149,18 +149,15 @@ def _read(path: Path) -> FullMapFields:
             raise ValueError(f"marks holds {marks.max()}, and marks are 0, 1 or 2")
         some = np.flatnonzero(used_blocks((log_odds != prior) | (marks != 0), side, d))
         log_odds, marks = (blocks_from_chunks(cells, side, d, some) for cells in chunks.cells)
-        return block_coords(chunks.first, side, some), log_odds, marks
-
-    with SavedShards(path, header).read_all(tuple(_TYPES), blocks_of) as found:
-        for each in found:
-            for of_all, own in zip((coords, values, seen), each, strict=True):
-                of_all.append(own)
-            taken += sum(own.nbytes for own in each)
-            if 2 * taken > limit:  # they lie side by side with what is made of them
-                raise MapTooLargeError(
-                    f"{path}: more than {taken / 1e9:.1f} GB of cells, and this machine's memory "
-                    f"of {limit / 1e9:.1f} GB would not hold them twice"
-                )
+        coords.append(block_coords(chunks.first, side, some))
+        values.append(log_odds)
+        seen.append(marks)
+        taken += coords[-1].nbytes + log_odds.nbytes + marks.nbytes
+        if 2 * taken > limit:  # they lie side by side with what is made of them
+            raise MapTooLargeError(
+                f"{path}: more than {taken / 1e9:.1f} GB of cells, and this machine's memory "
+                f"of {limit / 1e9:.1f} GB would not hold them twice"
+            )
     return FullMapFields(
         config,
         np.concatenate([np.empty((0, d), np.int64), *coords]),
