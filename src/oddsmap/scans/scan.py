@@ -16,6 +16,10 @@ from oddsmap.poses.pose import Pose, Pose2, Pose3
 __all__ = ["Scan"]
 
 
+# Whose square is well within what doubles hold.
+_SAFE = 1e-140
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
     """One measurement z_t: ranges along known directions, from a known pose.
@@ -107,14 +111,15 @@ class Scan:
         ends = np.asarray(points, dtype=np.float64)
         if ends.ndim != 2 or ends.shape[1] != 3:
             raise InputError(f"the points of a scan have shape (n, 3), got {ends.shape}")
-        with np.errstate(invalid="ignore", over="ignore"):
-            # Not the root of the sum of squares: that overflows and underflows half way.
-            ranges = np.hypot(np.hypot(ends[:, 0], ends[:, 1]), ends[:, 2])
+        with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+            ranges = np.sqrt(ends[:, 0] ** 2 + ends[:, 1] ** 2 + ends[:, 2] ** 2)
+            # Squares overflow and underflow half way to the ends of what doubles hold.
+            odd = ~((ranges > _SAFE) & (ranges < 1 / _SAFE))
+            ranges[odd] = np.hypot(np.hypot(ends[odd, 0], ends[odd, 1]), ends[odd, 2])
         ranges[~np.isfinite(ranges)] = np.nan
-        directions = np.zeros_like(ends)
-        usable = ranges > 0
-        np.divide(ends, ranges[:, None], out=directions, where=usable[:, None])
-        directions[~usable, 0] = 1.0
+        unusable = ~(ranges > 0)
+        directions = ends / np.where(unusable, 1.0, ranges)[:, None]
+        directions[unusable] = (1.0, 0.0, 0.0)
         scan = cls(map_from_sensor, directions, ranges, stamp_ns)
         object.__setattr__(scan, "measured_points", ends)
         return scan
