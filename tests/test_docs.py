@@ -110,3 +110,18 @@ def test_the_readme_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.Monkey
         assert (tmp_path / "oddsmap-demo" / name).stat().st_size > 0
     # All in the folder that git ignores: a newcomer's tree stays clean.
     assert [path.name for path in tmp_path.iterdir()] == ["oddsmap-demo"]
+
+
+def test_the_speed_that_the_readme_states_is_measured_in_the_benchmarks() -> None:
+    """One place holds the figures; whoever measures again must see that the README quotes them."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    fast = re.search(r"^- \*\*Fast\.\*\*.*?(?=^$)", readme, flags=re.DOTALL | re.MULTILINE)
+    assert fast is not None
+    stated = re.findall(r"(\d[\d.]*) (?:times as fast|times for|and|million)", fast.group())
+    measured = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    assert len(stated) >= 4
+    memory = re.findall(r"(\d+) MB", re.search(r"^\| oddsmap: CPU.*$", measured, re.M).group())  # type: ignore[union-attr]
+    theirs = re.findall(r"(\d+) MB", re.search(r"^\| OctoMap: CPU.*$", measured, re.M).group())  # type: ignore[union-attr]
+    shares = {f"{int(a) / int(b):.2f}" for a, b in zip(memory, theirs, strict=True)}
+    for figure in stated:
+        assert figure in shares or re.search(rf"\b{re.escape(figure)}\b", measured), figure
