@@ -102,6 +102,7 @@ FLOORS = (
     ("plot",),
     ("simulate",),
     ("readers",),
+    ("recordings",),
     ("maps",),
     ("map_files",),
     ("scans",),

@@ -70,6 +70,7 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
     from oddsmap.full_map.store import is_full_map
     from oddsmap.map_files.octomap_reader import is_octomap
     from oddsmap.map_files.zarr_snapshot import holds
+    from oddsmap.readers.recorded import is_recording
 
     with working(f"reading {path.name}", quiet=quiet, compiles=False):
         if holds(path, "hits"):  # `is_map`, without the kernels that evidence comes with
@@ -84,6 +85,11 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
             from oddsmap.maps.voxel_map import load_octomap
 
             return _of_octomap(load_octomap(path), path)
+        if is_recording(str(path)):
+            from oddsmap.recordings.ros_recording import open_ros_recording
+            from oddsmap.recordings.summary import describe
+
+            return describe(open_ros_recording(str(path)))
         log = log_options.open(path)
     with progress_of_scans("reading", log.scan_count, quiet=quiet, compiles=False) as progress:
         return _of_log(log, progress)
@@ -106,11 +112,19 @@ def _texts(name: str, value: Any, *, all_settings: bool) -> list[str]:
         return [f"{_word(value)} m"]
     if name == "made from":
         return [text for entry in value for text in _source(entry, all_settings=all_settings)]
+    if name == "topics":
+        return [_topic(topic, said) for topic, said in value.items()] or ["none"]
     if isinstance(value, dict):
         return [f"{key} {_word(item)}" for key, item in value.items()] or ["none"]
     if isinstance(value, list) and value and isinstance(value[0], str):
         return value
     return [_word(value)]
+
+
+def _topic(name: str, said: dict[str, Any]) -> str:
+    """A topic of a recording: its name, how many messages of which type, and how often."""
+    rate = f", {_word(said['hz'])} per second" if "hz" in said else ""
+    return f"{name}: {_word(said['count'])} x {said['type']}{rate}"
 
 
 def _settings(config: dict[str, Any], *, all_settings: bool) -> list[str]:

@@ -23,13 +23,16 @@ class LogOptions:
 
     poses: Path | None = None
     times: Path | None = None
-    tolerance: float = 0.02
+    tolerance: float | None = None
     extrinsics: Pose3 | None = None
     camera: PinholeCamera | None = None
     skip_bad: bool = False
     points_in: PointFrame | None = None
     columns: str | None = None
     depth_scale: float | None = None
+    scans: tuple[str, ...] = ()
+    frame: str | None = None
+    clock_offset: float = 0.0
 
     def open(self, path: Path) -> Log:
         """Open a log.
@@ -50,6 +53,9 @@ class LogOptions:
             points_in=self.points_in,
             columns=self.columns,
             depth_scale=self.depth_scale,
+            scans=self.scans,
+            frame=self.frame,
+            clock_offset_s=self.clock_offset,
         )
 
 

@@ -16,12 +16,15 @@ import typer
 __all__ = [
     "BodyFromSensor",
     "Camera",
+    "ClockOffset",
     "Columns",
     "DepthScale",
+    "Frame",
     "PointsIn",
     "Poses",
     "Quiet",
     "Resolution",
+    "Scans",
     "Settings",
     "SkipBad",
     "Threads",
@@ -80,8 +83,9 @@ Poses = Annotated[
     Path | None,
     typer.Option(
         "--poses",
-        metavar="FILE",
-        help="KITTI or TUM poses of a folder of scans; by default the file of poses in it.",
+        metavar="FILE|TOPIC|tf",
+        help="KITTI or TUM poses of a folder of scans, by default the file of poses in it; or a "
+        "topic of a recording, by default its transforms.",
     ),
 ]
 
@@ -95,9 +99,38 @@ Times = Annotated[
 ]
 
 Tolerance = Annotated[
+    float | None,
+    typer.Option(
+        "--tolerance",
+        metavar="SECONDS",
+        help="How far a pose may be from a scan's stamp; by default 0.02, in recordings 0.1.",
+    ),
+]
+
+Scans = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--scans",
+        metavar="TOPIC",
+        help="Scans of a recording; by default its only topic of them. May be repeated.",
+    ),
+]
+
+Frame = Annotated[
+    str | None,
+    typer.Option(
+        "--frame",
+        metavar="NAME",
+        help="Frame of the map in a recording; by default map, world or odom.",
+    ),
+]
+
+ClockOffset = Annotated[
     float,
     typer.Option(
-        "--tolerance", metavar="SECONDS", help="How far a pose may be from a scan's stamp."
+        "--clock-offset",
+        metavar="SECONDS",
+        help="Added to the stamps of a recording's scans: the time of its poses.",
     ),
 ]
 

@@ -30,13 +30,16 @@ class ReadOptions:
     body_from_sensor: Pose3 | None = None
     camera: PinholeCamera | None = None
     skip_bad: bool = False
-    tolerance_s: float = 0.02
+    tolerance_s: float | None = None
     points_in: PointFrame | None = None
     columns: tuple[str, ...] | None = None
     depth_scale: float | None = None
+    scans: tuple[str, ...] = ()
+    frame: str | None = None
+    clock_offset_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.tolerance_s < math.inf:
+        if self.tolerance_s is not None and not 0.0 <= self.tolerance_s < math.inf:
             raise ConfigError(f"tolerance_s is a time of 0 s or more, got {self.tolerance_s}")
         if self.points_in is not None and self.points_in not in get_args(PointFrame):
             raise ConfigError(f"points_in is 'sensor' or 'map', got {self.points_in!r}")
@@ -51,10 +54,13 @@ class ReadOptions:
                 f"{','.join(self.columns)!r}"
             )
 
+        if not -1e9 < self.clock_offset_s < 1e9:
+            raise ConfigError(f"clock_offset_s is a number of seconds, got {self.clock_offset_s}")
+
     @property
     def tolerance_ns(self) -> int:
-        """The tolerance [ns]."""
-        return round(self.tolerance_s * 1e9)
+        """The tolerance [ns], by default 20 ms."""
+        return round((0.02 if self.tolerance_s is None else self.tolerance_s) * 1e9)
 
     def sensor_pose(self, map_from_body: Pose3) -> Pose3:
         """The pose of the sensor, given that of the body that carries it."""
@@ -72,9 +78,12 @@ class ReadOptions:
             "points_in": "has its points in the frame of its sensor",
             "columns": "has no .bin columns",
             "depth_scale": "holds no depth images",
+            "scans": "has no topics",
+            "frame": "has no frames",
+            "clock_offset_s": "has its stamps with its poses",
         }
         for name in names:
-            if getattr(self, name) is not None:
+            if getattr(self, name) not in (None, (), 0.0):
                 raise InputError(
                     f"{path}: {format_name} {why[name]}: leave `{name}` out for this log"
                 )

@@ -23,6 +23,7 @@ from oddsmap.readers import (
     octomap_graph,
     pcd,
     ply,
+    recorded,
     rgbd_folder,
     scan_folder,
 )
@@ -91,10 +92,13 @@ def open_log(
     body_from_sensor: Pose3 | None = None,
     camera: PinholeCamera | None = None,
     skip_bad: bool = False,
-    tolerance_s: float = 0.02,
+    tolerance_s: float | None = None,
     points_in: PointFrame | None = None,
     columns: Sequence[str] | None = None,
     depth_scale: float | None = None,
+    scans: Sequence[str] = (),
+    frame: str | None = None,
+    clock_offset_s: float = 0.0,
 ) -> Log:
     """Open a log of range readings with poses: a file, or a folder of scans.
 
@@ -105,7 +109,8 @@ def open_log(
     Args:
         path: the file, or a folder of point clouds or depth images.
         poses: the poses of clouds and depth images, KITTI or TUM, or a trajectory; by default the
-            file of poses in the folder.
+            file of poses in the folder. Of a recording also "tf" or a topic; by default its
+            transforms, and its topic of poses where no transforms lead to the sensor.
         skip_bad: skip files of a folder that cannot be read and count them (`scan.unreadable`),
             and images without a pose (`scan.no_pose`). Of a truncated or corrupt gzip or bzip2
             file, or scan graph, use the readable part and count `container.truncated`.
@@ -113,13 +118,18 @@ def open_log(
             folder of point clouds.
         body_from_sensor: pose of the sensor in the frame whose poses are given.
         camera: the intrinsics of depth images; by default those in the folder.
-        tolerance_s: how far the nearest pose may be from a stamp [s].
+        tolerance_s: how far the nearest pose may be from a stamp [s]; by default 0.02, and 0.1 in
+            recordings.
         points_in: "sensor" or "map": the frame in which the points of clouds are. By default the
             sensor's, but where PCD's VIEWPOINT is the pose, it must be said.
         columns: what the float32 columns of `.bin` files are, as ("x", "y", "z", "intensity") or
             "x,y,z,intensity"; by default found by what stands in them.
         depth_scale: how many units of a depth image make a metre, 1000 where they are
             millimetres; by default what its layout is known for, 1000 or 5000.
+        scans: topics of a recording that are scans; by default the only one.
+        frame: the frame of the map in a recording; by default map, world or odom.
+        clock_offset_s: what is added to the stamps of a recording's scans to get the time of its
+            poses [s].
 
     Returns:
         The scans in file order, and what had to be skipped to get them.
@@ -138,9 +148,15 @@ def open_log(
         points_in=points_in,
         columns=_names(columns),
         depth_scale=depth_scale,
+        scans=(scans,) if isinstance(scans, str) else tuple(scans),
+        frame=frame,
+        clock_offset_s=clock_offset_s,
     )
     name = os.fspath(path)
     with memory_for(f"the log {name}", "split it, or read it on a machine with more memory"):
+        if recorded.is_recording(name):
+            return recorded.open_recorded(name, options)
+        options.refuse(name, "this log", "scans", "frame", "clock_offset_s")
         return _open_folder(name, options) if Path(path).is_dir() else _open_file(path, options)
 
 
@@ -161,7 +177,7 @@ def known_formats() -> str:
     *names, last = (reader.name for reader in READERS)
     return (
         f"{', '.join(names)} and {last}, plain or compressed with gzip or bzip2; KITTI .bin scans "
-        "and depth images as a folder"
+        "and depth images as a folder; ROS bags and MCAP"
     )
 
 
