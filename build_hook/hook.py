@@ -25,6 +25,7 @@ _HERE = Path(__file__).parent
 _ASKED = os.environ.get("ODDSMAP_COMPILE_KERNELS", "") not in ("", "0")
 
 
+# Where hatchling is not installed, its class has no type.
 class CompiledKernels(BuildHookInterface[Any]):  # type: ignore[misc, unused-ignore]
     """Compiles kernels by running what needs them."""
 

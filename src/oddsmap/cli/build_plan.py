@@ -130,6 +130,6 @@ class BuildPlan:
         check_suffix(
             self.output, ("", ".zarr"), f"a map is a Zarr folder, by custom NAME.zarr{made}"
         )
-        read = [*self.logs, self.log_options.poses, self.log_options.times]
+        read = [*self.logs, *self.log_options.files(*self.logs)]
         check_logs(self.logs)
         check_files(read, self.output, force=self.force, is_map=True)

@@ -110,7 +110,7 @@ def calibrate(
     layers = _read_layers(config, settings, resolution)
     check_suffix(output, (".toml",), "a sensor is written as TOML; give a name that ends in .toml")
     check_logs([log])
-    check_files([log, poses, times], output, force=force)
+    check_files([log, *log_options.files(log)], output, force=force)
     opened = log_options.open(log)
     start = layers.resolve(opened)
     with progress_of_fit(quiet=voice.still) as progress:

@@ -58,8 +58,8 @@ def info(
     from oddsmap.cli.files import check_files
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
-    check_files([path, poses], force=False)
     options = LogOptions(poses=poses, points_in=points_in, columns=columns, skip_bad=skip_bad)
+    check_files([path, *options.files(path)], force=False)
     facts = _facts(path, options, quiet=voice.still)
     voice.facts(facts)
     for line in _lines(facts, all_settings=verbose):
@@ -86,9 +86,15 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
 
             return _of_octomap(load_octomap(path), path)
         if is_recording(str(path)):
+            from oddsmap.errors import ConfigError
             from oddsmap.recordings.ros_recording import open_ros_recording
             from oddsmap.recordings.summary import describe
 
+            if log_options != LogOptions(skip_bad=log_options.skip_bad):
+                raise ConfigError(
+                    f"{path}: info lists all that a recording holds: leave --poses, --points-in "
+                    "and --columns out"
+                )
             return describe(open_ros_recording(str(path)))
         log = log_options.open(path)
     with progress_of_scans("reading", log.scan_count, quiet=quiet, compiles=False) as progress:

@@ -34,6 +34,18 @@ class LogOptions:
     frame: str | None = None
     clock_offset: float = 0.0
 
+    def files(self, *logs: Path) -> list[Path | None]:
+        """The files that these options name, to be checked before any work is done.
+
+        The poses of a recording may be a topic; where they are neither, opening it says so.
+        """
+        if self.poses is not None and not self.poses.exists():
+            from oddsmap.readers.recorded import is_recording
+
+            if any(is_recording(str(log)) for log in logs):
+                return [self.times]
+        return [self.poses, self.times]
+
     def open(self, path: Path) -> Log:
         """Open a log.
 

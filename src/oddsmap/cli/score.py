@@ -114,7 +114,7 @@ def score(
     if plot is not None:
         check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
     check_logs([log])
-    check_files([grid, log, poses, times], plot, force=force)
+    check_files([grid, log, *log_options.files(log)], plot, force=force)
     with working(f"loading {grid.name}", quiet=voice.still):
         belief, stored, provenance = _load(grid)
     whole = log_options.open(log)

@@ -96,6 +96,7 @@ class StoredCode:
         for folder, compiled_for in places:
             stored = _read(folder / self._name(signature, compiled_for))
             if stored is not None and stored[0] == signature:
+                # Numba states no types.
                 return CompileResult._rebuild(target, *stored[1])  # type: ignore[no-untyped-call]
         return None
 

@@ -129,9 +129,10 @@ class TransformTree:
         target, source = target.lstrip("/"), source.lstrip("/")
         came = self._ways_from(target)
         if source not in came:
+            reached = _listed(self.reachable(source) - {source}) or "none"
             raise InputError(
-                f"{self.path}: no transforms lead from {source!r} to {target!r}; "
-                f"{target!r} has {_listed(came)}"
+                f"{self.path}: no transforms lead from {source!r} to {target!r}: frames that "
+                f"{source!r} is connected with: {reached}"
             )
         steps = []
         at = source
