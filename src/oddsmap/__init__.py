@@ -20,6 +20,7 @@ from oddsmap.version import __version__
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from oddsmap.config.full_map import FullMapConfig
+    from oddsmap.doctor.diagnosis import diagnose
     from oddsmap.errors import (
         ConfigError,
         InputError,
@@ -102,6 +103,7 @@ __all__ = [
     "calibrate",
     "changed",
     "check_log",
+    "diagnose",
     "evaluate",
     "load_full_map",
     "load_map",
@@ -153,6 +155,7 @@ _HOME = {
     "calibrate": "scoring.calibration",
     "changed": "posterior.changes",
     "check_log": "plausibility.doubts",
+    "diagnose": "doctor.diagnosis",
     "evaluate": "scoring.truth",
     "load_full_map": "full_map.full_map",
     "load_map": "evidence_map",

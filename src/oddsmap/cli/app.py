@@ -17,6 +17,8 @@ from oddsmap.cli.config import HELP as CONFIG_HELP
 from oddsmap.cli.config import config
 from oddsmap.cli.demo import HELP as DEMO_HELP
 from oddsmap.cli.demo import demo
+from oddsmap.cli.doctor import HELP as DOCTOR_HELP
+from oddsmap.cli.doctor import doctor
 from oddsmap.cli.endings import ended_by_signals
 from oddsmap.cli.export import HELP as EXPORT_HELP
 from oddsmap.cli.export import export
@@ -35,6 +37,7 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
 \b
   oddsmap demo                          see it work, no data needed
   oddsmap info intel.log.gz             what is in a log, or in a map
+  oddsmap doctor run.bag                what is wrong with a log
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
                                         log to map
   oddsmap export intel.zarr intel.yaml  map to ROS; also .png and .npz
@@ -58,6 +61,7 @@ for command, page in (
     (build, BUILD_HELP),
     (export, EXPORT_HELP),
     (info, INFO_HELP),
+    (doctor, DOCTOR_HELP),
     (config, CONFIG_HELP),
     (calibrate, CALIBRATE_HELP),
     (score, SCORE_HELP),

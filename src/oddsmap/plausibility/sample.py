@@ -25,11 +25,6 @@ from oddsmap.scans.scan import Scan
 
 __all__ = ["Glance", "Sample", "sample_of"]
 
-# Places along a log. Twice as many find nothing more and take twice the time.
-_PLACES = 24
-# How many scans after a place's first one its others are: soon enough to overlap with it, late
-# enough to have moved.
-_GAPS = (1, 4, 16)
 # Returns kept of a scan: 25 places take 1 MB.
 _RETURNS = 512
 
@@ -43,12 +38,14 @@ class Glance:
         points: some of its returns in the sensor frame [m], shape (n, d).
         typical_range: the median distance of its returns from the sensor [m], NaN without any.
         from_image: True where it was a depth image, whose z axis looks forward.
+        stamp_ns: its time [ns], where it has one.
     """
 
     pose: Pose
     points: FloatArray
     typical_range: float
     from_image: bool = False
+    stamp_ns: int | None = None
 
     @property
     def ndim(self) -> int:
@@ -64,15 +61,20 @@ class Sample:
         expected: how many scans will come; None where that is not known.
         range_max: a reading from here on is no return [m]. Where all of a scan's are, they are
             kept: the limit may be the one that is in another unit.
+        places: how many along the log; checks of a whole log find no more with twice as many.
+        gaps: how many scans after a place's first one its others are: soon enough to overlap with
+            it, late enough to have moved.
     """
 
     expected: int | None = None
     range_max: float = math.inf
+    places: int = 24
+    gaps: tuple[int, ...] = (1, 4, 16)
     _stride: int = field(default=1, init=False)
     _kept: dict[int, Glance] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        self._stride = max(1, (self.expected or 0) // _PLACES)
+        self._stride = max(1, (self.expected or 0) // self.places)
 
     def watch(self, scans: Iterable[Measurement]) -> Iterator[Measurement]:
         """The same scans, from the first one of the log; the sample fills as they are taken."""
@@ -85,14 +87,14 @@ class Sample:
     def wants(self, number: int) -> bool:
         """Whether the scan of this number, counted from 0, is one to look at."""
         after = number % self._stride
-        return after == 0 or after in _GAPS
+        return after == 0 or after in self.gaps
 
     def add(self, number: int, scan: Measurement) -> None:
         """Look at a scan."""
         if isinstance(scan, GridScan) or not scan.map_from_sensor.is_finite:
             return
         self._kept[number] = _glance(scan, self.range_max)
-        if len(self._kept) > 2 * _PLACES * (1 + len(_GAPS)):
+        if len(self._kept) > 2 * self.places * (1 + len(self.gaps)):
             self._stride *= 2
             self._kept = {n: kept for n, kept in self._kept.items() if self.wants(n)}
 
@@ -103,12 +105,14 @@ class Sample:
 
     def pairs(self) -> list[tuple[Glance, Glance]]:
         """Scans that lie near each other in the log, the earlier first."""
+        return [(first, later) for first, *rest in self.groups() for later in rest]
+
+    def groups(self) -> list[list[Glance]]:
+        """The scans of each place, in order."""
         starts = [n for n in self._kept if n % self._stride == 0]
         return [
-            (self._kept[start], self._kept[start + gap])
-            for start in starts[:: max(1, len(starts) // _PLACES)]
-            for gap in _GAPS
-            if start + gap in self._kept
+            [self._kept[start + gap] for gap in (0, *self.gaps) if start + gap in self._kept]
+            for start in starts[:: max(1, len(starts) // self.places)]
         ]
 
 
@@ -148,7 +152,7 @@ def _glance(scan: Scan | DepthScan, range_max: float) -> Glance:
         points = directions[kept] * ranges[kept, None]
         typical = float(np.median(ranges[kept])) if kept.any() else math.nan
         points = points if origins is None else points + origins[kept]
-    return Glance(scan.map_from_sensor, points, typical, from_image)
+    return Glance(scan.map_from_sensor, points, typical, from_image, scan.stamp_ns)
 
 
 def _beams(scan: Scan) -> tuple[FloatArray, FloatArray, FloatArray | None]:
