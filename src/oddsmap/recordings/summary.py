@@ -46,15 +46,17 @@ def describe(recording: Recording) -> dict[str, Any]:
         for topic in recording.topics.values()
     }
     tree, frames = _frames_of(recording)
+    if recording.damage:  # known when it has been read
+        facts["damage"] = [str(each) for each in recording.damage]
     scans = scan_topics(recording)
     facts["scans"] = {
         topic.name: _where(tree, frames[topic.name]) for topic in scans if topic.name in frames
     }
     facts["poses"] = _poses(recording, tree, frames)
     if not_read := {
-        topic.name: _NOT_READ[topic.type]
+        topic.name: topic.problem or _NOT_READ[topic.type]
         for topic in recording.topics.values()
-        if topic.type in _NOT_READ
+        if topic.problem or topic.type in _NOT_READ
     }:
         facts["not read"] = not_read
     if facts["scans"]:
