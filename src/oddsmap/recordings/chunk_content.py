@@ -51,8 +51,7 @@ def chunk_content(
     if cut:
         return content[:size]
     if len(content) != size:
-        some = f"{len(content)}" if len(content) < size else "more"
-        raise ChunkError(f"a damaged chunk (it holds {some} bytes in place of {size})")
+        raise ChunkError(f"a damaged chunk (its content is not the {size:,} bytes it states)")
     if crc and zlib.crc32(content) != crc:
         raise ChunkError("a damaged chunk (its checksum differs)")
     return content

@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import BinaryIO
 
 from oddsmap.errors import InputError
@@ -51,8 +52,9 @@ class ChunkedFile(ABC):
     """A file of chunks; satisfies `Container`.
 
     Args:
-        path: the file.
+        place: the file.
         skip_bad: read what there is of a damaged file, in place of raising.
+        name: what messages call it, where that is not `place`.
 
     Raises:
         InputError: it is damaged, or nothing of it can be read.
@@ -60,8 +62,9 @@ class ChunkedFile(ABC):
 
     format: str
 
-    def __init__(self, path: str, *, skip_bad: bool = False) -> None:
-        self.path = path
+    def __init__(self, place: str, *, skip_bad: bool = False, name: str | None = None) -> None:
+        self.path = path = name or place
+        self._place = place
         self._skip_bad = skip_bad
         self.channels: dict[int, Channel] = {}
         self.counts: Mapping[int, int] = {}
@@ -70,7 +73,7 @@ class ChunkedFile(ABC):
         self._missing: Damage | None = None
         self._lost: dict[int, Damage] = {}
         try:
-            with open(path, "rb") as file:  # noqa: PTH123 - `path` is as the caller wrote it
+            with Path(place).open("rb") as file:
                 self._size = os.fstat(file.fileno()).st_size
                 try:
                     self._open(file)
@@ -87,7 +90,7 @@ class ChunkedFile(ABC):
     def raw(self, wanted: Collection[int]) -> Iterator[RawMessage]:
         """The messages of some channels, in the order in which they were written."""
         keys = set(wanted)
-        with open(self.path, "rb") as file:  # noqa: PTH123
+        with Path(self._place).open("rb") as file:
             for block in self._blocks:
                 if block.counts is not None and keys.isdisjoint(block.counts):
                     continue

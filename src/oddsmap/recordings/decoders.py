@@ -40,7 +40,9 @@ def why_not_read(channel: Channel) -> str:
         return f"{channel.encoding} messages with {shown(channel.schema_encoding)} are not read"
     if channel.encoding in ("json", "protobuf"):
         return ""
-    if not channel.schema and not _store(channel.encoding, b"").fielddefs.get(_ros_name(channel)):
+    if not channel.schema_encoding and not _store(channel.encoding, "").fielddefs.get(
+        _ros_name(channel)
+    ):
         return "its definition is not in the file"
     return ""
 
@@ -75,23 +77,23 @@ def _ros_name(channel: Channel) -> str:
     return f"{package.removesuffix('/msg')}/msg/{name}"
 
 
-def _store(encoding: str, schema: bytes) -> Any:
+def _store(encoding: str, described: str) -> Any:
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InputError(
             'messages of ROS are decoded by rosbags: pip install "oddsmap[ros]"'
         ) from None
-    if schema:
+    if described:
         return get_typestore(Stores.EMPTY)
     # What a file does not describe itself (old SQLite files do not) is as in the last of each ROS.
     return get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_JAZZY)
 
 
 def _ros(path: str, channel: Channel) -> Decode:
-    store, name = _store(channel.encoding, channel.schema), _ros_name(channel)
+    store, name = _store(channel.encoding, channel.schema_encoding), _ros_name(channel)
     fault = f"{channel.topic}: a damaged definition of {channel.type}"
-    if channel.schema:
+    if channel.schema_encoding:
         with decoding(path, fault, _ADVICE):
             store.register(_types(name, channel))
             found = _hash(store, name, channel)

@@ -40,7 +40,6 @@ class Folder:
         per_message: each message is compressed by zstd.
         messages: how many messages there should be; None where nothing says it.
         end_ns: when the last was written [ns]; None where nothing says it.
-        types: the type of each topic, where the files do not say it.
         temporary: where files are that had to be decompressed.
     """
 
@@ -68,8 +67,13 @@ def _is_named_so(name: str) -> bool:
     return name.removesuffix(".zstd").endswith(_SUFFIXES)
 
 
-def open_container(path: str, *, skip_bad: bool) -> Container:
+def open_container(path: str, *, skip_bad: bool, name: str | None = None) -> Container:
     """One file of messages.
+
+    Args:
+        path: the file.
+        skip_bad: read what there is of a damaged file, in place of raising.
+        name: what messages call it, where that is not its path.
 
     Raises:
         InputError: it is none, or it is damaged.
@@ -78,11 +82,11 @@ def open_container(path: str, *, skip_bad: bool) -> Container:
         with Path(path).open("rb") as file:
             head = file.read(16)
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+        raise InputError(f"{name or path}: cannot be read ({error.strerror})") from None
     for magic, kind in _MAGIC.items():
         if head.startswith(magic):
-            return kind(path, skip_bad=skip_bad)
-    raise InputError(f"{path}: no bag, SQLite file or MCAP (it starts with {head!r})")
+            return kind(path, skip_bad=skip_bad, name=name)
+    raise InputError(f"{name or path}: no bag, SQLite file or MCAP (it starts with {head!r})")
 
 
 def open_folder(name: str, *, skip_bad: bool) -> Folder:
@@ -115,8 +119,10 @@ def open_folder(name: str, *, skip_bad: bool) -> Folder:
     for path in paths:
         if path.suffix == ".zstd":
             temporary = temporary or TemporaryDirectory(prefix="oddsmap-")
-            path = _decompress(path, Path(temporary.name) / path.stem, skip_bad=skip_bad)
-        files.append(open_container(str(path), skip_bad=skip_bad))
+            plain = _decompress(path, Path(temporary.name) / path.stem, skip_bad=skip_bad)
+            files.append(open_container(str(plain), skip_bad=skip_bad, name=str(path)))
+        else:
+            files.append(open_container(str(path), skip_bad=skip_bad))
     if not files:
         raise InputError(f"{name}: none of the recording's files is there")
     if not isinstance(listed, list):
@@ -189,4 +195,6 @@ def _decompress(path: Path, target: Path, *, skip_bad: bool) -> Path:
                     f"{path}: damaged ({error}): copy the recording again, or read what there is "
                     "of it with --skip-bad (skip_bad=True)"
                 ) from None
+        if out.tell() == 0:
+            raise InputError(f"{path}: nothing of it can be decompressed: copy the recording again")
     return target

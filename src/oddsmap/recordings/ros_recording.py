@@ -53,7 +53,7 @@ class RosRecording:
         if self._bad:
             text = f"messages that cannot be decoded, the first: {next(iter(self._bad.values()))}"
             found.append(Damage(text, len(self._bad)))
-        return found + self._not_there(found)
+        return self._with_what_is_listed(found)
 
     def messages(self, topics: Iterable[str]) -> Iterator[Message]:
         """The messages of some topics, in the order in which they were written."""
@@ -83,19 +83,21 @@ class RosRecording:
             self._decoders[channel] = decoder_of(self.path, channel)
         return self._decoders[channel]
 
-    def _not_there(self, found: Sequence[Damage]) -> list[Damage]:
-        """What metadata.yaml lists and no file has, beyond what is known to be lost."""
+    def _with_what_is_listed(self, found: list[Damage]) -> list[Damage]:
+        """Damage, with how much is lost by it where metadata.yaml says what there should be."""
         if self._folder.messages is None:
-            return []
+            return found
         there = sum(sum(file.counts.values()) for file in self._folder.files)
         lost = self._folder.messages - there
         if lost <= 0:
-            return []
+            return found
         seconds = None
         if self._folder.end_ns is not None and self.span_ns is not None:
             seconds = max(0.0, (self._folder.end_ns - self.span_ns[1]) / 1e9)
-        text = "metadata.yaml lists more messages than there are"
-        return [Damage(text, lost, seconds)]
+        unknown = [each for each in found if each.messages is None]
+        text = unknown[0].text if unknown else "metadata.yaml lists more messages than there are"
+        known = [each for each in found if each.messages is not None]
+        return [*known, *unknown[1:], Damage(text, lost, seconds)]
 
 
 def open_ros_recording(path: str, *, skip_bad: bool = False) -> RosRecording:

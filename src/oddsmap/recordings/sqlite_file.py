@@ -26,8 +26,9 @@ class SqliteFile:
     """A `.db3`; satisfies `Container`.
 
     Args:
-        path: the file.
+        place: the file.
         skip_bad: read what there is of a damaged file, in place of raising.
+        name: what messages call it, where that is not `place`.
 
     Raises:
         InputError: it is damaged, or holds no messages of ROS 2.
@@ -35,8 +36,9 @@ class SqliteFile:
 
     format = "ROS 2 SQLite file"
 
-    def __init__(self, path: str, *, skip_bad: bool = False) -> None:
-        self.path = path
+    def __init__(self, place: str, *, skip_bad: bool = False, name: str | None = None) -> None:
+        self.path = path = name or place
+        self._place = place
         self._skip_bad = skip_bad
         self._damage: Damage | None = None
         self._pages: SqlitePages | None = None
@@ -44,9 +46,9 @@ class SqliteFile:
         self.counts: Mapping[int, int] = {}
         self.span_ns: tuple[int, int] | None = None
         try:
-            missing = SqlitePages(path).missing
+            missing = SqlitePages(place).missing
             if missing > 0:
-                size = Path(path).stat().st_size
+                size = Path(place).stat().st_size
                 self._salvage(f"the recording is cut after {megabytes(size)}", missing)
                 return
             with closing(self._connect()) as base:
@@ -73,7 +75,7 @@ class SqliteFile:
                 return
             except sqlite3.Error as error:
                 self._salvage(f"the recording is damaged ({error})", 0)
-        pages = self._pages or SqlitePages(self.path)
+        pages = self._pages or SqlitePages(self._place)
         for row, key, log_ns, data in pages.messages():
             if key in keys and row > last:
                 yield key, log_ns, data
@@ -89,17 +91,17 @@ class SqliteFile:
 
     def _connect(self) -> sqlite3.Connection:
         """The file as it is: nothing is written, and no log beside it is looked at."""
-        beside = Path(f"{self.path}-wal")
+        beside = Path(f"{self._place}-wal")
         if beside.is_file() and beside.stat().st_size > 0:
             raise InputError(
                 f"{self.path}: the recording was never closed: its last messages are in "
                 f"{beside.name}: open and close a copy of both with sqlite3 first, or read it "
                 "without them with that file moved away"
             )
-        place = Path(self.path).absolute().as_uri()
+        address = Path(self._place).absolute().as_uri()
         # A generator may be closed by another thread than that which ran it.
-        base = sqlite3.connect(f"{place}?immutable=1", uri=True, check_same_thread=False)
-        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, Path(self.path).stat().st_size + 1_000_000)
+        base = sqlite3.connect(f"{address}?immutable=1", uri=True, check_same_thread=False)
+        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, Path(self._place).stat().st_size + 1_000_000)
         base.execute("PRAGMA trusted_schema = OFF")
         return base
 
@@ -153,7 +155,7 @@ class SqliteFile:
         self._damage = Damage(f"{why}{more}")
         if self._pages is not None:
             return
-        self._pages = pages = SqlitePages(self.path)
+        self._pages = pages = SqlitePages(self._place)
         schemas = _schemas_of(row[1:4] for row in pages.table("message_definitions"))
         topics = (
             (row[0], *row[1:4], row[5] if len(row) > 5 else "") for row in pages.table("topics")

@@ -50,7 +50,9 @@ class SqlitePages:
         if not usable:
             self._page = 4096
         self._used = self._page - head[20]
-        self._count = size // self._page
+        self._size = size
+        # The last one may be cut: what stands before the cut is read.
+        self._count = -(-size // self._page)
         # The number of pages holds where the last program that wrote it knew of that field.
         known = usable and head[24:28] == head[92:96]
         pages = int.from_bytes(head[28:32], "big") if known else 0
@@ -162,10 +164,11 @@ class SqlitePages:
         parts, number = [], int.from_bytes(first, "big")
         while size > 0:
             page = self._read(file, number)
-            if len(page) < self._page:
+            length = min(size, self._used - 4)
+            if len(page) < 4 + length:
                 raise _DamagedRowError
-            parts.append(page[4 : 4 + min(size, self._used - 4)])
-            size -= len(parts[-1])
+            parts.append(page[4 : 4 + length])
+            size -= length
             number = int.from_bytes(page[:4], "big")
         return b"".join(parts)
 
@@ -179,7 +182,10 @@ class SqlitePages:
         while left > 0:
             if not 1 <= number <= self._count:
                 raise _DamagedRowError
-            file.seek((number - 1) * self._page)
+            place = (number - 1) * self._page
+            if place + 4 + min(left, self._used - 4) > self._size:
+                raise _DamagedRowError
+            file.seek(place)
             number = int.from_bytes(file.read(4), "big")
             left -= self._used - 4
 
