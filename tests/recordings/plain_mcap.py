@@ -22,6 +22,7 @@ class PlainMcap:
         profile: str = "",
         compression: CompressionType = CompressionType.ZSTD,
         chunk_size: int | None = 1 << 20,
+        crcs: bool = True,
     ) -> None:
         self._file = path.open("wb")
         self._writer = Writer(
@@ -29,6 +30,7 @@ class PlainMcap:
             chunk_size=chunk_size or 0,
             compression=compression,
             use_chunking=chunk_size is not None,
+            enable_crcs=crcs,
         )
         self._writer.start(profile=profile, library="tests")
         self._channels: dict[str, int] = {}

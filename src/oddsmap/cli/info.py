@@ -177,7 +177,7 @@ def _of_log(log: Log, progress: Callable[[int], None]) -> dict[str, Any]:
         places.append(scan.map_from_sensor.translation)
         beams.append(scan.size)
         progress(len(beams))
-    positions = np.array(places)
+    positions = np.array(places) if places else np.empty((0, 0))
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     facts: dict[str, Any] = {
         "log": log.path,

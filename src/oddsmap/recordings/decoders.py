@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 from oddsmap.decoding import decoding
@@ -91,15 +93,24 @@ def _store(encoding: str, described: str) -> Any:
 
 
 def _ros(path: str, channel: Channel) -> Decode:
+    try:
+        return _ros_decoder(replace(channel, topic=""))
+    except InputError as error:
+        raise InputError(f"{path}: {channel.topic}: {error}") from None
+
+
+@lru_cache(maxsize=128)
+def _ros_decoder(channel: Channel) -> Decode:
+    """Code that rosbags makes for a type; kept, as a recording is opened several times."""
     store, name = _store(channel.encoding, channel.schema_encoding), _ros_name(channel)
-    fault = f"{channel.topic}: a damaged definition of {channel.type}"
+    fault = "its definition is damaged"
     if channel.schema_encoding:
-        with decoding(path, fault, _ADVICE):
+        with decoding(channel.type, fault, _ADVICE):
             store.register(_types(name, channel))
             found = _hash(store, name, channel)
         if channel.digest and found != channel.digest:
             raise InputError(
-                f"{path}: {fault} (its hash is {found}, not {channel.digest}): {_ADVICE}"
+                f"{channel.type}: {fault} (its hash is {found}, not {channel.digest}): {_ADVICE}"
             )
     read = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
     return lambda raw: read(raw, name)

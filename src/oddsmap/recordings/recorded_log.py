@@ -120,8 +120,7 @@ class RecordedLog:
         stated = self.sensor
         for message in self.recording.messages(kinds):
             try:
-                beams = beams_of(kinds[message.topic], message.data)
-                scan = self._scan(beams, getattr(message.data, "frame_from_sensor", None))
+                scan = self._scan(beams_of(kinds[message.topic], message.data))
             except NoPoseError as error:
                 self._skip("scan.no_pose", message.topic, error)
                 continue
@@ -139,15 +138,15 @@ class RecordedLog:
         if not self._first:
             self._first.append(f"{topic}: {error}")
 
-    def _scan(self, beams: Beams, frame_from_sensor: Pose3 | None) -> Scan:
+    def _scan(self, beams: Beams) -> Scan:
         stamp = beams.stamp_ns + self.clock_offset_ns
         pose = self.poses.at(beams.frame, stamp)
-        if frame_from_sensor is not None:
-            pose = pose @ frame_from_sensor
+        if beams.frame_from_sensor is not None:
+            pose = pose @ beams.frame_from_sensor
         times = None if beams.after_ns is None else beams.after_ns + stamp
         if beams.points is not None:
             points = beams.points
-            if beams.frame == self.poses.frame and frame_from_sensor is None:
+            if beams.frame == self.poses.frame and beams.frame_from_sensor is None:
                 points = pose.inverse().transform(points)
             scan = Scan.from_points(pose, points, stamp)
             object.__setattr__(scan, "beam_times_ns", times)

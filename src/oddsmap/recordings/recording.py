@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-__all__ = ["TRUNCATED", "Damage", "Message", "Recording", "Topic", "stamp_of"]
+from oddsmap.errors import InputError, as_line
+
+__all__ = ["TRUNCATED", "Damage", "Message", "Recording", "Topic", "shape_of", "stamp_of"]
 
 # The reason under which messages are counted that a damaged file has lost.
 TRUNCATED = "container.truncated"
@@ -95,6 +98,25 @@ class Recording(Protocol):
         Raises:
             InputError: the file is damaged.
         """
+
+
+@contextmanager
+def shape_of(kind: str) -> Iterator[None]:
+    """Say in one line where a message has not the fields and values that its type should have.
+
+    A file says itself what its messages are made of, and JSON may have anything anywhere.
+
+    Raises:
+        InputError: in place of what Python raises where a field is missing or no number.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except (
+        ArithmeticError, AttributeError, IndexError, KeyError, TypeError, ValueError
+    ) as error:  # fmt: skip
+        raise InputError(f"a message that is no {kind} ({as_line(str(error), 100)})") from None
 
 
 def stamp_of(header: Any) -> int:

@@ -11,7 +11,7 @@ from typing import Any
 from oddsmap.recordings.beams import SCAN_TYPES, beams_of
 from oddsmap.recordings.choice import map_frames, pose_topics, scan_topics
 from oddsmap.recordings.poses import TF_TYPES, add_transforms
-from oddsmap.recordings.recording import Recording
+from oddsmap.recordings.recording import Recording, shape_of
 from oddsmap.recordings.transforms import TransformTree
 
 __all__ = ["describe"]
@@ -80,7 +80,8 @@ def _frames_of(recording: Recording) -> tuple[TransformTree, dict[str, str]]:
         elif kinds[name] in SCAN_TYPES:
             frames[name] = beams_of(kinds[name], message.data).frame
         else:
-            frames[name] = message.data.header.frame_id.lstrip("/")
+            with shape_of(kinds[name]):
+                frames[name] = message.data.header.frame_id.lstrip("/")
     return tree, frames
 
 
