@@ -117,10 +117,10 @@ class McapFile(ChunkedFile):
         size = fields.number(8)
         # The index of a channel takes 15 bytes and 16 for each message, and one follows the other.
         places = sorted((place, key) for key, place in offsets.items())
-        ends = [place for place, _ in places[1:]] + [start + length + behind]
+        ends = [*(place for place, _ in places[1:]), start + length + behind]
         counts = {
             key: max(0, (end - place - 15) // 16)
-            for (place, key), end in zip(places, ends, strict=True)
+            for (place, key), end in zip(places, ends, strict=False)
         }
         return Block(start, length + behind, compression, size, counts=counts or None, span_ns=span)
 

@@ -156,10 +156,10 @@ class SqliteFile:
         if self._pages is not None:
             return
         self._pages = pages = SqlitePages(self._place)
-        schemas = _schemas_of(row[1:4] for row in pages.table("message_definitions"))
-        topics = (
-            (row[0], *row[1:4], row[5] if len(row) > 5 else "") for row in pages.table("topics")
-        )
+        rows = pages.table("message_definitions")
+        schemas = _schemas_of(row[1:4] for row in rows if len(row) > 3)
+        rows = pages.table("topics")
+        topics = ((*row[:4], row[5] if len(row) > 5 else "") for row in rows if len(row) > 3)
         self.channels = _channels_of(topics, schemas)
         counts: dict[int, int] = {}
         first, last = 1 << 63, -1
