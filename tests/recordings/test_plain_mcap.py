@@ -6,6 +6,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -223,6 +224,21 @@ def test_clouds_with_packed_points_and_a_pose_of_their_own(tmp_path: Path) -> No
         np.testing.assert_array_equal(scan.beam_times_ns - scan.stamp_ns, [0, 50_000_000])
 
 
+def test_scans_with_poses_of_their_own_need_no_others(tmp_path: Path) -> None:
+    said: list[tuple[str, int, str, Any]] = []
+    for k in range(4):
+        now = START + k * SECOND // 10
+        pose = {"position": vector(0.5 * k, 0.0, 0.0), "orientation": turn(0.1 * k)}
+        body = laser(now, [2.0] * 5, frame_id="map", pose=pose)
+        said.append(("/scan", now, "foxglove.LaserScan", body))
+    log = open_log(write_json(tmp_path / "run.mcap", said, profile="x"))
+    # The first is at the origin, which is no pose of its own: it says the same.
+    assert [scan.map_from_sensor.translation.tolist() for scan in log] == [
+        [0.5 * k, 0.0] for k in range(4)
+    ]
+    assert [note.code for note in log.notes] == ["pose.own"]
+
+
 def test_what_json_has_for_no_return_and_for_time(tmp_path: Path) -> None:
     said = foxglove_drive()
     for k, (topic, now, kind, values) in enumerate(said):
@@ -277,6 +293,20 @@ def test_a_message_that_is_none_is_one_line(tmp_path: Path) -> None:
     assert len(list(log)) == 19
     assert log.skipped == {"container.truncated": 2}
     assert "messages that cannot be decoded, the first: /tf: " in log.notes[0]
+
+
+@pytest.mark.parametrize("missing", ["rosbags.typesys", "google.protobuf.descriptor_pb2"])
+def test_a_library_that_is_missing_is_named(
+    missing: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    kinds = {
+        "rosbags.typesys": ("cdr", "ros2msg"),
+        "google.protobuf.descriptor_pb2": ("protobuf",) * 2,
+    }
+    channel = Channel("/a", "a/B", *kinds[missing], schema=f"int8 x{tmp_path.name[-3:]}".encode())
+    with pytest.raises(InputError, match=r'run.mcap: /a: .*pip install "oddsmap\[ros\]"'):
+        decoder_of("run.mcap", channel)
 
 
 def test_protobuf_files_that_import_each_other() -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bz2
+import json
 import struct
 from collections.abc import Iterator
 from contextlib import suppress
@@ -18,8 +19,10 @@ from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import Writer as Writer1
+from typer.testing import CliRunner
 
 from oddsmap import build_map, open_log
+from oddsmap.cli.app import app
 from oddsmap.errors import InputError
 from oddsmap.recordings.recording_files import open_container
 from oddsmap.recordings.ros_recording import open_ros_recording
@@ -256,6 +259,16 @@ def test_a_log_says_what_it_lost(tmp_path: Path) -> None:
     report = build_map(log, 0.1).report
     assert report is not None
     assert report.skipped["container.truncated"] == lost
+
+
+def test_info_lists_the_damage_and_the_command_that_goes_around_it(tmp_path: Path) -> None:
+    path = write("mcap-zstd", tmp_path / "run")
+    path.write_bytes(path.read_bytes()[:-5])
+    done = CliRunner().invoke(app, ["info", str(path), "--json"])
+    facts = json.loads(done.stdout)
+    (damage,) = facts["damage"]
+    assert damage.startswith("the recording is cut or was never closed: it ends after ")
+    assert "--skip-bad" in facts["map it"][0]
 
 
 def all_left(path: Path) -> list[int]:

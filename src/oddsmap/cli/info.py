@@ -95,7 +95,8 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
                     f"{path}: info lists all that a recording holds: leave --poses, --points-in "
                     "and --columns out"
                 )
-            return describe(open_ros_recording(str(path), skip_bad=log_options.skip_bad))
+            # Damage is one of the facts.
+            return describe(open_ros_recording(str(path), skip_bad=True))
         log = log_options.open(path)
     with progress_of_scans("reading", log.scan_count, quiet=quiet, compiles=False) as progress:
         return _of_log(log, progress)

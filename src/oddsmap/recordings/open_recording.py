@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,6 +67,10 @@ def log_of(recording: Recording, choices: Choices) -> RecordedLog:
     topics = choose_scans(recording, choices.scans)
     tree, glances, sensors = _survey(recording, topics, choices.skip_bad)
     notes: list[Note] = []
+    if choices.poses is None and choices.frame is None and _have_poses(glances):
+        frame = glances[0].frame
+        notes.append(Note(f"the scans have their poses in the frame {frame}", code="pose.own"))
+        choices = replace(choices, poses="tf", frame=frame)
     where = _poses(recording, tree, glances[0].frame, choices, notes)
     seen: list[Pose3] = []
     missing: NoPoseError | None = None
@@ -93,6 +97,14 @@ def log_of(recording: Recording, choices: Choices) -> RecordedLog:
         clock_offset_ns=choices.clock_offset_ns,
         skip_bad=choices.skip_bad,
     )
+
+
+def _have_poses(glances: Sequence[Beams]) -> bool:
+    """Whether each scan has a pose of its own in one frame, and these change: it is the map's."""
+    own = [beams.frame_from_sensor for beams in glances]
+    # At the origin it is the same as none.
+    places = {(0.0, 0.0, 0.0) if pose is None else tuple(pose.translation) for pose in own}
+    return len(places) > 1 and len({beams.frame for beams in glances}) == 1
 
 
 def _survey(

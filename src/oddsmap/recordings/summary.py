@@ -131,4 +131,6 @@ def _command(recording: Recording, tree: TransformTree, frames: dict[str, str]) 
         words += ["--frame", best or candidates[0]]
     elif not candidates:
         words += ["--poses", names[0]] if len(names) > 1 else [] if names else ["--poses", "FILE"]
+    if recording.damage:
+        words.append("--skip-bad")
     return shlex.join([*words, "--resolution", "0.05", "-o", f"{stem}.zarr"])
