@@ -116,12 +116,19 @@ def test_clouds_beside_a_bag_are_what_is_meant(tmp_path: Path) -> None:
         open_log(tmp_path)
 
 
-def test_a_log_beside_a_db3_is_not_passed_over(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", ["wal", "journal"])
+def test_a_file_beside_a_db3_is_not_passed_over(suffix: str, tmp_path: Path) -> None:
     messages = Messages("sqlite3")
     folder = messages.write(tmp_path / "run", drive(messages))
-    (folder / "run.db3-wal").write_bytes(b"the last messages")
-    with pytest.raises(InputError, match=r"never closed: its last messages are in run\.db3-wal"):
+    beside = folder / f"run.db3-{suffix}"
+    beside.write_bytes(b"the last messages")
+    with pytest.raises(InputError, match=rf"never closed: run\.db3-{suffix} .* --skip-bad"):
         open_log(folder)
+    log = open_log(folder, skip_bad=True)
+    assert len(list(log)) == 20
+    assert log.skipped == {"container.truncated": 1}
+    beside.write_bytes(b"")
+    assert open_log(folder).notes == ()
 
 
 def test_two_topics_of_one_name_and_two_types(tmp_path: Path) -> None:

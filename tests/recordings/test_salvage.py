@@ -215,6 +215,34 @@ def test_a_bag_that_was_never_closed(tmp_path: Path) -> None:
     assert salvaged(path) == whole
 
 
+@pytest.mark.parametrize("kind", ["bag", "bag-bz2", "bag-lz4"])
+def test_the_chunk_that_a_killed_recorder_was_writing(kind: str, tmp_path: Path) -> None:
+    # Its header states the size 0 until it is closed, and its messages are behind it.
+    path = write(kind, tmp_path / "run")
+    whole = all_messages(path)
+    content = bytearray(path.read_bytes())
+    with Reader1(path) as bag:
+        chunk = list(bag.chunks.values())[-2]
+        behind = [each.datapos for each in bag.chunks.values()][-1]
+    start, end = chunk.datapos, chunk.datapos + chunk.datasize
+    before = readable(path, kind, start)
+    there = [each for each in whole if each[2] in readable(path, kind, end)]
+    assert len(there) > sum(each[2] in before for each in whole)
+    assert end < behind
+    content[start - 4 : start] = bytes(4)
+    place = content.rindex(b"size=", 0, start)
+    content[place + 5 : place + 9] = bytes(4)
+    at = content.index(b"index_pos=") + 10
+    content[at : at + 8] = bytes(8)
+    active = tmp_path / "run.bag.active"
+    active.write_bytes(content[:end])
+    assert salvaged(active) == there
+    active.write_bytes(content[:end] + bytes(40))  # as some file systems leave it
+    assert salvaged(active) == there
+    with pytest.raises(InputError, match="never closed"):
+        open_log(active)
+
+
 @pytest.mark.parametrize("kind", ["bag-bz2", "bag-lz4", "mcap-zstd", "mcap-lz4"])
 @pytest.mark.parametrize("indexed", [True, False])
 def test_a_damaged_chunk_is_lost_and_counted(kind: str, indexed: bool, tmp_path: Path) -> None:

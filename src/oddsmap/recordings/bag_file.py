@@ -22,7 +22,9 @@ MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _HEADER, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 # A header of more bytes than this is none: even those of connections hold a few names.
 _LARGEST_HEADER = 1 << 20
-_U32, _U64 = struct.Struct("<I"), struct.Struct("<Q")
+# What of a chunk is read that does not say how much it holds; chunks are of 1 to 8 MB.
+_LARGEST_OPEN = 1 << 26
+_U32 = struct.Struct("<I")
 _TWO_U32 = struct.Struct("<II")
 
 _Fields = dict[bytes, bytes]
@@ -103,6 +105,9 @@ class BagFile(ChunkedFile):
                 fields, data, after = _record_at(file, place, self._size, cut=True)
                 if _number(fields, b"op") == _CHUNK:
                     block = _chunk_at(file, Block(place, 0, "", 0), self._size, cut=True)
+                    if block.length == 0 < self._size - after:
+                        self._blocks.append(_open_chunk(block, self._size - after))
+                        return self._size
                     self._blocks.append(block)
                 elif after > self._size:
                     return place
@@ -188,6 +193,15 @@ def _chunk_at(file: BinaryIO, block: Block, size: int, *, cut: bool = False) -> 
         size=_number(fields, b"size"),
         cut=end > size,
     )
+
+
+def _open_chunk(block: Block, length: int) -> Block:
+    """The chunk that was being written when the recorder was killed.
+
+    It states the size 0, which is put right when it is closed, and goes on to the end of the file.
+    """
+    plain = block.compression == "none"
+    return replace(block, length=length, size=length if plain else _LARGEST_OPEN, cut=True)
 
 
 def _fields(content: bytes, place: int, end: int) -> _Fields:

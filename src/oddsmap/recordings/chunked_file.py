@@ -11,6 +11,7 @@ import os
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -149,7 +150,12 @@ class ChunkedFile(ABC):
     def _messages_of(self, file: BinaryIO, block: Block) -> list[RawMessage]:
         data = read_exactly(file, block.start, block.length)
         content = chunk_content(data, block.compression, block.size, block.crc, cut=block.cut)
-        return list(self._records(content, cut=block.cut))
+        if not block.cut:
+            return list(self._records(content, cut=False))
+        found: list[RawMessage] = []
+        with suppress(ChunkError):  # what was being written when it ended may be anything
+            found.extend(self._records(content, cut=True))
+        return found
 
     def _lose(self, block: Block, error: ChunkError) -> None:
         """A block is lost: said once, however often the file is read."""

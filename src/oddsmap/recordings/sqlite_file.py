@@ -46,6 +46,7 @@ class SqliteFile:
         self.counts: Mapping[int, int] = {}
         self.span_ns: tuple[int, int] | None = None
         try:
+            self._look_beside()
             missing = SqlitePages(place).missing
             if missing > 0:
                 size = Path(place).stat().st_size
@@ -90,20 +91,27 @@ class SqliteFile:
             )
 
     def _connect(self) -> sqlite3.Connection:
-        """The file as it is: nothing is written, and no log beside it is looked at."""
-        beside = Path(f"{self._place}-wal")
-        if beside.is_file() and beside.stat().st_size > 0:
-            raise InputError(
-                f"{self.path}: the recording was never closed: its last messages are in "
-                f"{beside.name}: open and close a copy of both with sqlite3 first, or read it "
-                "without them with that file moved away"
-            )
+        """The file as it is: nothing is written, and nothing beside it is looked at."""
         address = Path(self._place).absolute().as_uri()
         # A generator may be closed by another thread than that which ran it.
         base = sqlite3.connect(f"{address}?immutable=1", uri=True, check_same_thread=False)
         base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, Path(self._place).stat().st_size + 1_000_000)
         base.execute("PRAGMA trusted_schema = OFF")
         return base
+
+    def _look_beside(self) -> None:
+        """Say where a recorder that was killed has left messages in a file beside."""
+        for suffix, what in (("-wal", "holds its last messages"), ("-journal", "would undo some")):
+            beside = Path(f"{self._place}{suffix}")
+            if not beside.is_file() or beside.stat().st_size == 0:
+                continue
+            why = f"the recording was never closed: {beside.name} {what}"
+            if not self._skip_bad:
+                raise InputError(
+                    f"{self.path}: {why}: open a copy of both with sqlite3, which puts them "
+                    "together, or read the file alone with --skip-bad (skip_bad=True)"
+                )
+            self._damage = Damage(why)
 
     def _read_tables(self, base: sqlite3.Connection) -> None:
         # Views and tables of extensions can compute for ever.
