@@ -53,6 +53,16 @@ def test_a_bag_whose_index_has_a_chunk_many_times(tmp_path: Path) -> None:
         open_log(path)
 
 
+def test_a_bag_of_what_may_be_chunks_everywhere(tmp_path: Path) -> None:
+    path = write("bag", tmp_path / "run")
+    content = path.read_bytes()[:4500]
+    path.write_bytes(content + b"\x04\0\0\0op=\x05" * 300_000)
+    # Some tenths of a second; without a limit it would be minutes.
+    with pytest.raises(InputError, match=r"the recording is cut, .* after"):
+        open_container(str(path), skip_bad=False)
+    assert len(open_container(str(path), skip_bad=True).damage) == 1
+
+
 def test_an_mcap_whose_index_has_a_chunk_many_times(tmp_path: Path) -> None:
     path = write("mcap-zstd", tmp_path / "run")
     content = bytearray(path.read_bytes())

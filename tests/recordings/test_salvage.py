@@ -271,6 +271,29 @@ def test_a_damaged_chunk_is_lost_and_counted(kind: str, indexed: bool, tmp_path:
     assert counted == ([len(lost)] if indexed or kind.startswith("mcap") else [None])
 
 
+def test_a_bag_without_an_index_is_gone_on_with_behind_damage(tmp_path: Path) -> None:
+    path = write("bag-lz4", tmp_path / "run")
+    whole = all_messages(path)
+    content = bytearray(path.read_bytes())
+    (start, end), (after, _) = list(chunks(path, bytes(content)))[2:4]
+    lost = [
+        each
+        for each in whole
+        if each[2] in readable(path, "bag-lz4", end)
+        and each[2] not in readable(path, "bag-lz4", start)
+    ]
+    # The header of a chunk, and all up to the next one.
+    content[start - 60 : after - 80] = bytes(range(256)) * 8
+    path.write_bytes(content[:-60])
+    with pytest.raises(InputError, match="bytes that are no records after"):
+        open_log(path)
+    file = open_container(str(path), skip_bad=True)
+    topics = {key: channel.topic for key, channel in file.channels.items()}
+    found = [(topics[key], log_ns, bytes(raw)) for key, log_ns, raw in file.raw(topics)]
+    assert found == [each for each in whole if each not in lost]
+    assert len(file.damage) == 2
+
+
 def test_a_log_says_what_it_lost(tmp_path: Path) -> None:
     path = write("mcap-zstd", tmp_path / "run")
     content = bytearray(path.read_bytes())

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import BinaryIO
 
@@ -24,6 +25,11 @@ _MESSAGE, _HEADER, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _LARGEST_HEADER = 1 << 20
 # What of a chunk is read that does not say how much it holds; chunks are of 1 to 8 MB.
 _LARGEST_OPEN = 1 << 26
+# How much is looked through at a time for a chunk.
+_PIECE = 1 << 20
+# A field of the header of a chunk; and how many places with it are looked at in a damaged file.
+_CHUNK_FIELD = b"\x04\0\0\0op=\x05"
+_MOST_LOOKS = 20_000
 _U32 = struct.Struct("<I")
 _TWO_U32 = struct.Struct("<II")
 
@@ -36,6 +42,7 @@ class BagFile(ChunkedFile):
     format = "ROS 1 bag"
 
     def _open(self, file: BinaryIO) -> None:
+        self._looks = _MOST_LOOKS
         if file.read(len(MAGIC)) != MAGIC:
             raise ChunkError("a bag of another version than 2.0: convert it with rosbag fix")
         head, _, place = _record_at(file, len(MAGIC), self._size)
@@ -114,9 +121,32 @@ class BagFile(ChunkedFile):
                 elif _number(fields, b"op") == _CONNECTION:
                     self._take_connection(fields, read_exactly(file, *data))
             except ChunkError:
-                return place
+                found = self._next_chunk(file, place + 1)
+                if found is None:
+                    return place
+                self._lose(Block(place, 0, "", 0), ChunkError("bytes that are no records"))
+                after = found
             place = after
         return self._size
+
+    def _next_chunk(self, file: BinaryIO, place: int) -> int | None:
+        """Where the next chunk begins behind bytes that make no sense."""
+        while place < self._size:
+            piece = read_exactly(file, place, min(_PIECE, self._size - place))
+            at = -1
+            while (at := piece.find(_CHUNK_FIELD, at + 1)) >= 0 and self._looks > 0:
+                self._looks -= 1
+                # Fields come in any order: the header begins some bytes before, with its length.
+                for start in range(max(0, at - 80), at - 3):
+                    (length,) = _U32.unpack_from(piece, start)
+                    if not at + len(_CHUNK_FIELD) <= start + 4 + length <= at + 100:
+                        continue
+                    with suppress(ChunkError):
+                        fields, _, _ = _record_at(file, place + start, self._size, cut=True)
+                        if {b"op", b"compression", b"size"} <= fields.keys():
+                            return place + start
+            place += max(1, len(piece) - 100)
+        return None
 
     def _take_connection(self, fields: _Fields, content: bytes) -> None:
         said = _fields(content, 0, len(content))
