@@ -116,3 +116,20 @@ def test_metadata_of_another_kind(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=r"metadata\.yaml: .*repair or remove it"):
             open_log(folder)
         assert len(list(open_log(folder, skip_bad=True))) == 20
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"#ROSBAG V1.2\n", "a bag of another version than 2.0"),
+        (b"#ROSBAG V2.0\n", "the file ends after 0.013 kB, within a record: copy"),
+        (b"\x89MCAP0\r\n", "the file ends after 0.008 kB, within a record: copy"),
+        (b"SQLite format 3\0", "the recording is damaged"),
+    ],
+)
+def test_a_file_of_a_first_line(content: bytes, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "run"  # the name says nothing
+    path.write_bytes(content)
+    for skip_bad in (False, True):
+        with pytest.raises(InputError, match=said):
+            open_log(path, skip_bad=skip_bad)

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import BinaryIO
 
+from oddsmap.errors import InputError
 from oddsmap.recordings.chunked_file import Block, ChunkedFile, read_exactly
 from oddsmap.recordings.container import Channel, ChunkError, RawMessage
 
@@ -44,10 +45,13 @@ class BagFile(ChunkedFile):
     def _open(self, file: BinaryIO) -> None:
         self._looks = _MOST_LOOKS
         if file.read(len(MAGIC)) != MAGIC:
-            raise ChunkError("a bag of another version than 2.0: convert it with rosbag fix")
+            raise InputError(
+                f"{self.path}: a bag of another version than 2.0, of before 2010: convert it with "
+                "rosbag of ROS 1"
+            )
         head, _, place = _record_at(file, len(MAGIC), self._size)
         if _number(head, b"op") != _HEADER or head.get(b"encryptor"):
-            raise ChunkError("an encrypted bag, or one without a header")
+            raise ChunkError("the bag is encrypted, or has no header")
         index, chunks = _number(head, b"index_pos"), _number(head, b"chunk_count")
         if 0 < index <= self._size:
             try:

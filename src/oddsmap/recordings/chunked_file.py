@@ -195,6 +195,6 @@ def read_exactly(file: BinaryIO, start: int, length: int) -> bytes:
     """
     end = file.seek(0, os.SEEK_END)
     if length < 0 or not 0 <= start <= end - length:
-        raise ChunkError(f"{length} bytes at {start} of a file of {end}")
+        raise ChunkError(f"the file ends after {megabytes(end)}, within a record")
     file.seek(start)
     return file.read(length)
