@@ -46,8 +46,7 @@ class BagFile(ChunkedFile):
         self._looks = _MOST_LOOKS
         if file.read(len(MAGIC)) != MAGIC:
             raise InputError(
-                f"{self.path}: a bag of another version than 2.0, of before 2010: convert it with "
-                "rosbag of ROS 1"
+                f"{self.path}: a bag of another version than 2.0: convert it with rosbag of ROS 1"
             )
         head, _, place = _record_at(file, len(MAGIC), self._size)
         if _number(head, b"op") != _HEADER or head.get(b"encryptor"):

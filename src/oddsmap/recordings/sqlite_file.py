@@ -86,8 +86,7 @@ class SqliteFile:
         with closing(self._connect()) as base:
             yield from base.execute(
                 "SELECT id, topic_id, timestamp, data FROM messages "  # noqa: S608 - integers
-                f"WHERE topic_id IN ({listed}) AND typeof(data) = 'blob' "
-                "AND typeof(timestamp) = 'integer' ORDER BY id"
+                f"WHERE topic_id IN ({listed}) ORDER BY id"
             )
 
     def _connect(self) -> sqlite3.Connection:
