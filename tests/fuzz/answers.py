@@ -6,12 +6,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import oddsmap
+from oddsmap.errors import OddsmapError
+from oddsmap.recordings.ros_recording import open_ros_recording
+from oddsmap.recordings.summary import describe
 
 __all__ = [
     "Answer",
@@ -22,6 +26,7 @@ __all__ = [
     "of_log",
     "of_map",
     "of_octomap",
+    "of_recording",
     "of_ros",
 ]
 
@@ -51,6 +56,24 @@ def of_log(path: Path) -> Answer:
     said = [f"{reason} {count}" for reason, count in sorted(grid.report.skipped.items())]
     said += [note for note in log.notes if note.severity == "warning"]
     return Answer(_digest([*values, *grid.cells()]), tuple(said))
+
+
+def of_recording(path: Path) -> Answer:
+    """A recording as a log, and what `info` says of it; where it is refused, what can be salvaged.
+
+    What is said of the latter is not looked at: that it is an answer or one line is enough.
+    """
+    try:
+        answer = of_log(path)
+        describe(open_ros_recording(str(path)))
+    except OddsmapError:
+        with suppress(OddsmapError):
+            describe(open_ros_recording(str(path), skip_bad=True))
+        with suppress(OddsmapError):
+            for _ in oddsmap.open_log(path, skip_bad=True):
+                pass
+        raise
+    return answer
 
 
 def of_map(path: Path) -> Answer:

@@ -17,6 +17,7 @@ __all__ = [
     "cut",
     "cut_a_member",
     "flip_bits",
+    "put_absurd_number",
 ]
 
 HOSTILE_NUMBERS = (
@@ -76,6 +77,18 @@ def change_bytes(rng: random.Random, content: bytes) -> tuple[bytes, str]:
     else:
         out = content[:start] + rng.randbytes(rng.choice((1, 4, 100))) + content[start:]
     return out, f"{kind} {start}:{end}"
+
+
+def put_absurd_number(rng: random.Random, content: bytes) -> tuple[bytes, str]:
+    """Another number of 1 to 8 bytes at some place, as counts, sizes and places are."""
+    size = rng.choice((1, 2, 4, 4, 8, 8))
+    place = rng.randrange(max(1, len(content) - size))
+    old = int.from_bytes(content[place : place + size], "little")
+    values = (0, 1, old + 1, old * 2, len(content), 10**6, 1 << 20, 1 << 31, 1 << 40, (1 << 63) - 1)
+    value = rng.choice((*values, (1 << 64) - 1)) % (1 << 8 * size)
+    order = rng.choice(("little", "little", "big"))
+    new = value.to_bytes(size, order)  # type: ignore[arg-type]
+    return content[:place] + new + content[place + size :], f"{value} at {place}"
 
 
 def append_noise(rng: random.Random, content: bytes) -> tuple[bytes, str]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from tests.fuzz.bytes_and_lines import (
     cut,
     cut_a_member,
     flip_bits,
+    put_absurd_number,
 )
 from tests.fuzz.image_changes import change_chunks, change_pgm_header
 from tests.fuzz.mutant import Change, Files, Mutator, on_file
@@ -93,11 +95,36 @@ def _log(name: str, path: str, *mutators: Mutator) -> Reader:
     return Reader(name, answers.of_log, path, mutators)
 
 
+def _recording(name: str, path: str) -> Reader:
+    """Of containers whose messages have no checksum; one that is cut is never the same."""
+    mutators = (
+        *[on_file(path, put_absurd_number, "any")] * 3,
+        *[on_file(path, change_bytes, "any")] * 2,
+        on_file(path, flip_bits, "any"),
+        on_file(path, cut, "same"),
+        on_file(path, append_noise, "same"),
+    )
+    return Reader(name, answers.of_recording, path, mutators)
+
+
 def _settings(name: str, read: Callable[[Path], Answer]) -> Reader:
     return Reader(
         name, read, "a.toml", (*[on_file("a.toml", change_toml, "any")] * 4, *_text("a.toml"))
     )
 
+
+# Written by rosbags, an extra: pip install "oddsmap[ros]".
+RECORDINGS = (
+    (
+        _recording("recording-bag", "a.bag"),
+        _recording("recording-bag-lz4", "a.bag"),
+        _recording("recording-sqlite3", "a.db3"),
+        _recording("recording-mcap", "a.mcap"),
+        _recording("recording-mcap-json", "a.mcap"),
+    )
+    if importlib.util.find_spec("rosbags")
+    else ()
+)
 
 READERS: dict[str, Reader] = {
     reader.name: reader
@@ -144,6 +171,7 @@ READERS: dict[str, Reader] = {
             *_text("depth.txt"),
             *_text("groundtruth.txt"),
         ),
+        *RECORDINGS,
         _log("octomap-graph", "a.graph", *_binary("a.graph", counted=False)),
         Reader("octomap-bt", answers.of_octomap, "a.bt", _binary("a.bt")),
         Reader("octomap-bt-dense", answers.of_octomap, "a.bt", _binary("a.bt")),

@@ -289,6 +289,14 @@ def _one(name: str, content: bytes) -> Files:
     return {name: content}
 
 
+def _recording(kind: str) -> Files:
+    """Three scans on a way, and a cloud, written by rosbags, or by mcap as JSON."""
+    from tests.recordings.fuzz_samples import recording_bytes
+
+    suffix = {"bag": "bag", "bag-lz4": "bag", "sqlite3": "db3"}.get(kind, "mcap")
+    return _one(f"a.{suffix}", recording_bytes(kind))
+
+
 SAMPLES: dict[str, Callable[[], Files]] = {
     "carmen": lambda: _one("a.log", _carmen()),
     "carmen-robotlaser": lambda: _one("a.log", _carmen("ROBOTLASER1")),
@@ -317,6 +325,11 @@ SAMPLES: dict[str, Callable[[], Files]] = {
     "poses-tum": lambda: _kitti(_tum_poses()),
     "rgbd-7scenes": _seven_scenes,
     "rgbd-tum": _tum,
+    "recording-bag": lambda: _recording("bag"),
+    "recording-bag-lz4": lambda: _recording("bag-lz4"),
+    "recording-sqlite3": lambda: _recording("sqlite3"),
+    "recording-mcap": lambda: _recording("mcap"),
+    "recording-mcap-json": lambda: _recording("mcap-json"),
     "octomap-graph": lambda: _one(
         "a.graph",
         graph_bytes([(_POINTS, (1, 2, 3, 1, 0, 0, 0)), (_POINTS, (0, 0, 0, 0, 0, 0, 1))], 1),

@@ -95,7 +95,8 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
                     f"{path}: info lists all that a recording holds: leave --poses, --points-in "
                     "and --columns out"
                 )
-            return describe(open_ros_recording(str(path)))
+            # Damage is one of the facts.
+            return describe(open_ros_recording(str(path), skip_bad=True))
         log = log_options.open(path)
     with progress_of_scans("reading", log.scan_count, quiet=quiet, compiles=False) as progress:
         return _of_log(log, progress)
@@ -177,7 +178,7 @@ def _of_log(log: Log, progress: Callable[[int], None]) -> dict[str, Any]:
         places.append(scan.map_from_sensor.translation)
         beams.append(scan.size)
         progress(len(beams))
-    positions = np.array(places)
+    positions = np.array(places) if places else np.empty((0, 0))
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     facts: dict[str, Any] = {
         "log": log.path,

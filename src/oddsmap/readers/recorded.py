@@ -13,6 +13,7 @@ from oddsmap.readers.pose_file import read_pose_file
 from oddsmap.recordings.open_recording import Choices, log_of
 from oddsmap.recordings.recorded_log import RecordedLog
 from oddsmap.recordings.recording import Recording
+from oddsmap.recordings.recording_files import is_recording_folder
 from oddsmap.recordings.ros_recording import is_ros_recording, open_ros_recording
 
 __all__ = ["is_recording", "open_recorded"]
@@ -26,9 +27,7 @@ def is_recording(name: str) -> bool:
     path = Path(name)
     try:
         if path.is_dir():
-            return (path / "metadata.yaml").is_file() and any(
-                each.suffix in (".db3", ".mcap", ".zstd") for each in path.iterdir()
-            )
+            return is_recording_folder(path)
         with path.open("rb") as file:
             return is_ros_recording(file.read(16))
     except OSError:
@@ -42,7 +41,7 @@ def open_recorded(name: str, options: ReadOptions) -> RecordedLog:
         InputError: it cannot be read, or what is to be mapped is not clear.
     """
     options.refuse(name, "a recording", "times", "camera", "points_in", "columns", "depth_scale")
-    recording = open_ros_recording(name)
+    recording = open_ros_recording(name, skip_bad=options.skip_bad)
     tolerance = _TOLERANCE_S if options.tolerance_s is None else options.tolerance_s
     choices = Choices(
         scans=options.scans,

@@ -113,7 +113,7 @@ def open_log(
             transforms, and its topic of poses where no transforms lead to the sensor.
         skip_bad: skip files of a folder that cannot be read and count them (`scan.unreadable`),
             and images without a pose (`scan.no_pose`). Of a truncated or corrupt gzip or bzip2
-            file, or scan graph, use the readable part and count `container.truncated`.
+            file, scan graph or recording, use the readable part and count `container.truncated`.
         times: the stamp of each scan, one number of seconds per line; by default `times.txt` in a
             folder of point clouds.
         body_from_sensor: pose of the sensor in the frame whose poses are given.

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
-from oddsmap.recordings.recording import stamp_of
+from oddsmap.poses.pose import Pose3
+from oddsmap.recordings.recording import shape_of, stamp_of
 
 __all__ = ["SCAN_TYPES", "Beams", "beams_of"]
 
@@ -33,6 +34,8 @@ class Beams:
         points: in place of these, the ends of the beams [m], shape (n, 3).
         after_ns: time of each beam after the stamp [ns], shape (n,); None where it is not known.
         settings: what the message states about its sensor, by the names of the configuration.
+        frame_from_sensor: where the sensor is in the frame, where the message has a pose of its
+            own: beams start there, and directions and points are in its axes.
     """
 
     frame: str
@@ -42,6 +45,7 @@ class Beams:
     points: FloatArray | None = None
     after_ns: npt.NDArray[np.int64] | None = None
     settings: Mapping[str, float] = field(default_factory=dict)
+    frame_from_sensor: Pose3 | None = None
 
 
 def beams_of(kind: str, data: Any) -> Beams:
@@ -54,7 +58,10 @@ def beams_of(kind: str, data: Any) -> Beams:
     Raises:
         InputError: it makes no sense.
     """
-    return SCAN_TYPES[kind](data)
+    with shape_of(kind):
+        beams = SCAN_TYPES[kind](data)
+    own = getattr(data, "frame_from_sensor", None)
+    return beams if own is None else replace(beams, frame_from_sensor=own)
 
 
 def _laser_scan(data: Any) -> Beams:

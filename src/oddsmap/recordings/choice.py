@@ -22,12 +22,16 @@ _MAP_NAMES = ("map", "world", "odom")
 
 def scan_topics(recording: Recording) -> list[Topic]:
     """Topics of scans."""
-    return [topic for topic in recording.topics.values() if topic.type in SCAN_TYPES]
+    return [
+        each for each in recording.topics.values() if each.type in SCAN_TYPES and not each.problem
+    ]
 
 
 def pose_topics(recording: Recording) -> list[Topic]:
     """Topics of poses."""
-    return [topic for topic in recording.topics.values() if topic.type in POSE_TYPES]
+    return [
+        each for each in recording.topics.values() if each.type in POSE_TYPES and not each.problem
+    ]
 
 
 def choose_scans(recording: Recording, stated: Sequence[str]) -> list[Topic]:
@@ -38,6 +42,8 @@ def choose_scans(recording: Recording, stated: Sequence[str]) -> list[Topic]:
     """
     found = {topic.name: topic for topic in scan_topics(recording)}
     for name in stated:
+        if name in recording.topics and (why := recording.topics[name].problem):
+            raise InputError(f"{recording.path}: {name} cannot be read: {why}")
         if name not in found:
             raise InputError(
                 f"{recording.path}: {name} is no topic of scans: it has {_words(found) or 'none'}"

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
@@ -63,14 +65,19 @@ def log_of(recording: Recording, choices: Choices) -> RecordedLog:
         InputError: there is no choice, or more than one; or no scan has a pose.
     """
     topics = choose_scans(recording, choices.scans)
-    tree, glances, sensors = _survey(recording, topics)
+    tree, glances, sensors = _survey(recording, topics, choices.skip_bad)
     notes: list[Note] = []
+    if choices.poses is None and choices.frame is None and _have_poses(glances):
+        frame = glances[0].frame
+        notes.append(Note(f"the scans have their poses in the frame {frame}", code="pose.own"))
+        choices = replace(choices, poses="tf", frame=frame)
     where = _poses(recording, tree, glances[0].frame, choices, notes)
     seen: list[Pose3] = []
     missing: NoPoseError | None = None
     for beams in glances:
         try:
-            seen.append(where.at(beams.frame, beams.stamp_ns + choices.clock_offset_ns))
+            pose = where.at(beams.frame, beams.stamp_ns + choices.clock_offset_ns)
+            seen.append(pose @ (beams.frame_from_sensor or Pose3(np.eye(3), np.zeros(3))))
         except NoPoseError as error:
             missing = missing or error
     if not seen:
@@ -92,8 +99,16 @@ def log_of(recording: Recording, choices: Choices) -> RecordedLog:
     )
 
 
+def _have_poses(glances: Sequence[Beams]) -> bool:
+    """Whether each scan has a pose of its own in one frame, and these change: it is the map's."""
+    own = [beams.frame_from_sensor for beams in glances]
+    # At the origin it is the same as none.
+    places = {(0.0, 0.0, 0.0) if pose is None else tuple(pose.translation) for pose in own}
+    return len(places) > 1 and len({beams.frame for beams in glances}) == 1
+
+
 def _survey(
-    recording: Recording, topics: Sequence[Topic]
+    recording: Recording, topics: Sequence[Topic], skip_bad: bool
 ) -> tuple[TransformTree, list[Beams], dict[str, SensorInfo]]:
     """One pass over a recording: all transforms, some scans, and what these state.
 
@@ -112,7 +127,12 @@ def _survey(
             add_transforms(tree, message)
             continue
         if seen[name] % every[name] == 0:
-            beams = beams_of(kinds[name], message.data)
+            try:
+                beams = beams_of(kinds[name], message.data)
+            except InputError as error:
+                if skip_bad:  # counted when it is read
+                    continue
+                raise InputError(f"{recording.path}: {name}: {error}") from None
             sensors.setdefault(name, SensorInfo(beams.settings))
             found.append(beams)
         seen[name] += 1

@@ -11,7 +11,7 @@ import numpy as np
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError, Trajectory, format_seconds
-from oddsmap.recordings.recording import Message, Recording, stamp_of
+from oddsmap.recordings.recording import Message, Recording, shape_of, stamp_of
 from oddsmap.recordings.transforms import TransformTree
 
 __all__ = [
@@ -105,7 +105,19 @@ class BodyPoses:
 
 
 def add_transforms(tree: TransformTree, message: Message) -> None:
-    """Take what a message of transforms says."""
+    """Take what a message of transforms says.
+
+    Raises:
+        InputError: it makes no sense.
+    """
+    try:
+        with shape_of("message of transforms"):
+            _add_transforms(tree, message)
+    except InputError as error:
+        raise InputError(f"{tree.path}: {message.topic}: {error}") from None
+
+
+def _add_transforms(tree: TransformTree, message: Message) -> None:
     fixed = message.topic.rsplit("/", 1)[-1] == "tf_static"
     for each in message.data.transforms:
         move, turn = each.transform.translation, each.transform.rotation
@@ -113,8 +125,8 @@ def add_transforms(tree: TransformTree, message: Message) -> None:
             each.header.frame_id,
             each.child_frame_id,
             stamp_of(each.header),
-            (move.x, move.y, move.z),
-            (turn.x, turn.y, turn.z, turn.w),
+            (float(move.x), float(move.y), float(move.z)),
+            (float(turn.x), float(turn.y), float(turn.z), float(turn.w)),
             fixed=fixed,
         )
 
@@ -127,10 +139,14 @@ def read_pose_topic(recording: Recording, topic: str) -> tuple[Trajectory, str |
     """
     stamps, poses, frame, body = [], [], None, None
     for message in recording.messages([topic]):
-        frame = message.data.header.frame_id.lstrip("/") or frame
-        body = getattr(message.data, "child_frame_id", "").lstrip("/") or body
-        stamps.append(stamp_of(message.data.header))
-        poses.append(_pose_of(recording.path, message))
+        try:
+            with shape_of("pose"):
+                frame = message.data.header.frame_id.lstrip("/") or frame
+                body = getattr(message.data, "child_frame_id", "").lstrip("/") or body
+                stamps.append(stamp_of(message.data.header))
+                poses.append(_pose_of(message))
+        except InputError as error:
+            raise InputError(f"{recording.path}: {message.topic}: {error}") from None
     if not poses:
         raise InputError(f"{recording.path}: {topic} has no poses")
     trajectory = Trajectory(
@@ -142,11 +158,8 @@ def read_pose_topic(recording: Recording, topic: str) -> tuple[Trajectory, str |
     return trajectory, frame, body
 
 
-def _pose_of(path: str, message: Message) -> Pose3:
+def _pose_of(message: Message) -> Pose3:
     pose: Any = message.data.pose
     pose = getattr(pose, "pose", pose)  # with its covariance around it
     p, q = pose.position, pose.orientation
-    try:
-        return Pose3.from_quaternion_xyzw((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
-    except InputError as error:
-        raise InputError(f"{path}: {message.topic}: {error}") from None
+    return Pose3.from_quaternion_xyzw((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))

@@ -16,7 +16,7 @@ from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.recordings.beams import Beams, beams_of
 from oddsmap.recordings.poses import SensorPoses
-from oddsmap.recordings.recording import Recording, Topic
+from oddsmap.recordings.recording import TRUNCATED, Recording, Topic
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -87,16 +87,20 @@ class RecordedLog:
     @property
     def skipped(self) -> Counter[str]:
         """Scans that could not be used, by reason, as far as the log has been read."""
-        return Counter(self._skipped)
+        lost = sum(each.messages or 1 for each in self.recording.damage)
+        return self._skipped + Counter({TRUNCATED: lost})
 
     @property
     def notes(self) -> tuple[Note, ...]:
         """What to know about this log."""
-        if not self._first:
-            return self.opening_notes
-        count = sum(self._skipped.values())
-        text = f"{count} scans were skipped, the first: {self._first[0]}"
-        return (*self.opening_notes, Note(text, code="log.bad_scans", severity="warning"))
+        notes = [
+            Note(str(each), code=TRUNCATED, severity="warning") for each in self.recording.damage
+        ]
+        if self._first:
+            count = sum(self._skipped.values())
+            text = f"{count} scans were skipped, the first: {self._first[0]}"
+            notes.append(Note(text, code="log.bad_scans", severity="warning"))
+        return (*self.opening_notes, *notes)
 
     def __len__(self) -> int:
         """`scan_count`.
@@ -137,10 +141,12 @@ class RecordedLog:
     def _scan(self, beams: Beams) -> Scan:
         stamp = beams.stamp_ns + self.clock_offset_ns
         pose = self.poses.at(beams.frame, stamp)
+        if beams.frame_from_sensor is not None:
+            pose = pose @ beams.frame_from_sensor
         times = None if beams.after_ns is None else beams.after_ns + stamp
         if beams.points is not None:
             points = beams.points
-            if beams.frame == self.poses.frame:
+            if beams.frame == self.poses.frame and beams.frame_from_sensor is None:
                 points = pose.inverse().transform(points)
             scan = Scan.from_points(pose, points, stamp)
             object.__setattr__(scan, "beam_times_ns", times)

@@ -3,11 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-__all__ = ["Message", "Recording", "Topic", "stamp_of"]
+from oddsmap.errors import InputError, as_line
+
+__all__ = ["TRUNCATED", "Damage", "Message", "Recording", "Topic", "shape_of", "stamp_of"]
+
+# The reason under which messages are counted that a damaged file has lost.
+TRUNCATED = "container.truncated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,11 +24,34 @@ class Topic:
         name: as it stands in the file.
         type: of its messages, "sensor_msgs/LaserScan", whichever ROS wrote it.
         count: how many messages there are; None where the file does not say.
+        problem: why its messages cannot be read; empty where they can.
     """
 
     name: str
     type: str
     count: int | None
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A part of a recording that is missing or cannot be read.
+
+    Args:
+        text: what is wrong, and where.
+        messages: how many messages are lost by it; None where that cannot be known.
+        seconds: how long they took; None where that cannot be known.
+    """
+
+    text: str
+    messages: int | None = None
+    seconds: float | None = None
+
+    def __str__(self) -> str:
+        if self.messages is None:
+            return f"{self.text}: how many messages are lost is not known"
+        took = "" if self.seconds is None else f" ({self.seconds:.4g} s)"
+        return f"{self.text}: {self.messages:,} messages{took} are lost"
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +88,35 @@ class Recording(Protocol):
     def span_ns(self) -> tuple[int, int] | None:
         """When its first and last message were written [ns]; None where there is none."""
 
+    @property
+    def damage(self) -> Sequence[Damage]:
+        """What is missing, as far as the file has been read; empty where nothing is."""
+
     def messages(self, topics: Iterable[str]) -> Iterator[Message]:
         """The messages of some topics, in the order in which they were written.
 
         Raises:
             InputError: the file is damaged.
         """
+
+
+@contextmanager
+def shape_of(kind: str) -> Iterator[None]:
+    """Say in one line where a message has not the fields and values that its type should have.
+
+    A file says itself what its messages are made of, and JSON may have anything anywhere.
+
+    Raises:
+        InputError: in place of what Python raises where a field is missing or no number.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except (
+        ArithmeticError, AttributeError, IndexError, KeyError, TypeError, ValueError
+    ) as error:  # fmt: skip
+        raise InputError(f"a message that is no {kind} ({as_line(str(error), 100)})") from None
 
 
 def stamp_of(header: Any) -> int:

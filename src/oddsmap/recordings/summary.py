@@ -11,7 +11,7 @@ from typing import Any
 from oddsmap.recordings.beams import SCAN_TYPES, beams_of
 from oddsmap.recordings.choice import map_frames, pose_topics, scan_topics
 from oddsmap.recordings.poses import TF_TYPES, add_transforms
-from oddsmap.recordings.recording import Recording
+from oddsmap.recordings.recording import Recording, shape_of
 from oddsmap.recordings.transforms import TransformTree
 
 __all__ = ["describe"]
@@ -46,15 +46,17 @@ def describe(recording: Recording) -> dict[str, Any]:
         for topic in recording.topics.values()
     }
     tree, frames = _frames_of(recording)
+    if recording.damage:  # known when it has been read
+        facts["damage"] = [str(each) for each in recording.damage]
     scans = scan_topics(recording)
     facts["scans"] = {
         topic.name: _where(tree, frames[topic.name]) for topic in scans if topic.name in frames
     }
     facts["poses"] = _poses(recording, tree, frames)
     if not_read := {
-        topic.name: _NOT_READ[topic.type]
+        topic.name: topic.problem or _NOT_READ[topic.type]
         for topic in recording.topics.values()
-        if topic.type in _NOT_READ
+        if topic.problem or topic.type in _NOT_READ
     }:
         facts["not read"] = not_read
     if facts["scans"]:
@@ -78,7 +80,8 @@ def _frames_of(recording: Recording) -> tuple[TransformTree, dict[str, str]]:
         elif kinds[name] in SCAN_TYPES:
             frames[name] = beams_of(kinds[name], message.data).frame
         else:
-            frames[name] = message.data.header.frame_id.lstrip("/")
+            with shape_of(kinds[name]):
+                frames[name] = message.data.header.frame_id.lstrip("/")
     return tree, frames
 
 
@@ -128,4 +131,6 @@ def _command(recording: Recording, tree: TransformTree, frames: dict[str, str]) 
         words += ["--frame", best or candidates[0]]
     elif not candidates:
         words += ["--poses", names[0]] if len(names) > 1 else [] if names else ["--poses", "FILE"]
+    if recording.damage:
+        words.append("--skip-bad")
     return shlex.join([*words, "--resolution", "0.05", "-o", f"{stem}.zarr"])
