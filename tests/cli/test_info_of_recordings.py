@@ -26,10 +26,8 @@ def test_the_command_it_ends_with_maps_the_recording(
     said.append(("/rear", START, messages.laser(START, "laser", [4.0] * 60)))
     path = messages.write(tmp_path / "run", said)
     facts = run("info", path, "--json").json
-    assert facts["scans"] == {
-        "/rear": "in the frame laser, at (0.2, 0, 0.3) m in base",
-        "/scan": "in the frame laser, at (0.2, 0, 0.3) m in base",
-    }
+    where = "in the frame laser, at (0.2, 0, 0.3) m in base; range_min 0.1, range_max 30"
+    assert facts["scans"] == {"/rear": where, "/scan": where}
     assert facts["poses"] == ["transforms from odom (--frame odom)"]
     (command,) = facts["map it"]
     monkeypatch.chdir(tmp_path)

@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from oddsmap.errors import InputError
-from oddsmap.recordings.beams import beams_of
+from oddsmap.recordings.scan_messages import beams_of
 from tests.recordings.bags import Messages
 
 STAMP = 1_700_000_000_123_456_789

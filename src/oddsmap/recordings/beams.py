@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one message of a range sensor says: beams in the frame of the sensor."""
+"""What one message of a range sensor says, in the frame of the sensor; lasers and clouds."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.recordings.recording import stamp_of
+from oddsmap.scans.note import Note
 
-__all__ = ["SCAN_TYPES", "Beams", "beams_of"]
+__all__ = ["LASERS_AND_CLOUDS", "Beams", "shortest"]
 
 # A laser of more beams than a turn has seconds of arc is a damaged message.
 _MAX_BEAMS = 360 * 3600
@@ -23,7 +24,7 @@ _MAX_BEAMS = 360 * 3600
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beams:
-    """One scan, in the frame of its sensor: ranges along directions, or points.
+    """One scan, in the frame of its sensor: ranges along directions, points, or an image.
 
     Args:
         frame: the name of that frame, without a leading slash.
@@ -31,8 +32,11 @@ class Beams:
         directions: unit vectors, shape (n, 3).
         ranges: readings [m], shape (n,).
         points: in place of these, the ends of the beams [m], shape (n, 3).
+        depth: in place of these, an image of the depth along z [m], shape (h, w).
         after_ns: time of each beam after the stamp [ns], shape (n,); None where it is not known.
         settings: what the message states about its sensor, by the names of the configuration.
+        part: which of several sensors on one topic it is.
+        notes: what to know about such messages.
     """
 
     frame: str
@@ -40,21 +44,11 @@ class Beams:
     directions: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     ranges: FloatArray = field(default_factory=lambda: np.empty(0))
     points: FloatArray | None = None
+    depth: npt.NDArray[np.float32] | None = None
     after_ns: npt.NDArray[np.int64] | None = None
     settings: Mapping[str, float] = field(default_factory=dict)
-
-
-def beams_of(kind: str, data: Any) -> Beams:
-    """The beams of a message.
-
-    Args:
-        kind: its type, one of `SCAN_TYPES`.
-        data: the message.
-
-    Raises:
-        InputError: it makes no sense.
-    """
-    return SCAN_TYPES[kind](data)
+    part: str = ""
+    notes: tuple[Note, ...] = ()
 
 
 def _laser_scan(data: Any) -> Beams:
@@ -79,7 +73,7 @@ def _laser(data: Any, ranges: FloatArray) -> Beams:
     for name in ("range_min", "range_max"):
         value = float(getattr(data, name))
         if np.isfinite(value) and value > 0.0:
-            settings[name] = _shortest(value)
+            settings[name] = shortest(value)
     return Beams(
         frame=data.header.frame_id.lstrip("/"),
         stamp_ns=stamp_of(data.header),
@@ -90,7 +84,7 @@ def _laser(data: Any, ranges: FloatArray) -> Beams:
     )
 
 
-def _shortest(value: float) -> float:
+def shortest(value: float) -> float:
     """A float of 4 bytes as people wrote it: 5.6, not 5.599999904632568."""
     return float(str(np.float32(value)))
 
@@ -175,9 +169,9 @@ def _after_stamp(times: npt.NDArray[Any], stamp_ns: int) -> npt.NDArray[np.int64
     return None
 
 
-SCAN_TYPES = {
+LASERS_AND_CLOUDS = {
     "sensor_msgs/LaserScan": _laser_scan,
     "sensor_msgs/MultiEchoLaserScan": _multi_echo,
     "sensor_msgs/PointCloud2": _point_cloud,
 }
-"""Messages that are scans, and what reads each."""
+"""Their types, and what reads each."""

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from oddsmap.errors import InputError
-from oddsmap.recordings.beams import SCAN_TYPES
+from oddsmap.recordings.depth_messages import DEPTH_ENCODINGS
 from oddsmap.recordings.poses import POSE_TYPES
 from oddsmap.recordings.recording import Recording, Topic
+from oddsmap.recordings.scan_messages import IMAGE, SCAN_TYPES
 from oddsmap.recordings.transforms import TransformTree
 
 __all__ = ["choose_frame", "choose_scans", "map_frames", "pose_topics", "scan_topics"]
@@ -21,8 +22,20 @@ _MAP_NAMES = ("map", "world", "odom")
 
 
 def scan_topics(recording: Recording) -> list[Topic]:
-    """Topics of scans."""
-    return [topic for topic in recording.topics.values() if topic.type in SCAN_TYPES]
+    """Topics of scans; of images those of depth, which their first message tells.
+
+    Raises:
+        InputError: the recording is damaged there.
+    """
+    found = [topic for topic in recording.topics.values() if topic.type in SCAN_TYPES]
+    return [topic for topic in found if topic.type != IMAGE or _is_of_depth(recording, topic)]
+
+
+def _is_of_depth(recording: Recording, topic: Topic) -> bool:
+    if topic.count == 0:
+        return False
+    first = next(iter(recording.messages([topic.name])), None)
+    return first is not None and first.data.encoding in DEPTH_ENCODINGS
 
 
 def pose_topics(recording: Recording) -> list[Topic]:
@@ -39,8 +52,12 @@ def choose_scans(recording: Recording, stated: Sequence[str]) -> list[Topic]:
     found = {topic.name: topic for topic in scan_topics(recording)}
     for name in stated:
         if name not in found:
+            topic = recording.topics.get(name)
+            images = topic is not None and topic.type == IMAGE
+            kinds = f"images without depth (with it they are {', '.join(DEPTH_ENCODINGS)})"
             raise InputError(
-                f"{recording.path}: {name} is no topic of scans: it has {_words(found) or 'none'}"
+                f"{recording.path}: {name} is {f'of {kinds}' if images else 'no topic of scans'}: "
+                f"it has {_words(found) or 'none'}"
             )
     if stated:
         return [found[name] for name in dict.fromkeys(stated)]

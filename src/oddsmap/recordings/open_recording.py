@@ -3,33 +3,25 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError, Trajectory
-from oddsmap.recordings.beams import Beams, beams_of
 from oddsmap.recordings.choice import choose_frame, choose_scans, pose_topics
-from oddsmap.recordings.poses import (
-    TF_TYPES,
-    BodyPoses,
-    SensorPoses,
-    TransformPoses,
-    add_transforms,
-    read_pose_topic,
-)
+from oddsmap.recordings.poses import BodyPoses, SensorPoses, TransformPoses, read_pose_topic
 from oddsmap.recordings.recorded_log import RecordedLog, lies_flat
-from oddsmap.recordings.recording import Recording, Topic
+from oddsmap.recordings.recording import Recording
+from oddsmap.recordings.survey import Glance, Survey, cameras_of, said_of, survey
 from oddsmap.recordings.transforms import TransformTree
-from oddsmap.scans.log import SensorInfo
+from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.note import Note
 
 __all__ = ["Choices", "log_of"]
 
-# Scans looked at before mapping: whether the laser leans, whether there are poses.
-_GLANCES = 50
+# The z axis of a body frame stays within 25 degrees of upright, the way a camera looks does not.
+_UPRIGHT = 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,6 +37,8 @@ class Choices:
         tolerance_ns: how far the nearest pose or transform may be from a scan [ns].
         clock_offset_ns: added to the stamps of scans to get the time of poses [ns].
         skip_bad: count scans that make no sense, in place of raising.
+        camera: the intrinsics of depth images; by default those in the recording.
+        units_per_metre: of depth images of whole numbers; by default they are millimetres.
     """
 
     scans: Sequence[str] = ()
@@ -54,71 +48,100 @@ class Choices:
     tolerance_ns: int = 100_000_000
     clock_offset_ns: int = 0
     skip_bad: bool = False
+    camera: PinholeCamera | None = None
+    units_per_metre: float | None = None
 
 
-def log_of(recording: Recording, choices: Choices) -> RecordedLog:
+def log_of(recording: Recording, choices: Choices, found: Survey | None = None) -> RecordedLog:
     """The scans of a recording with their poses.
+
+    Args:
+        recording: where they are.
+        choices: what the caller says.
+        found: what has been seen of the recording, where it has been looked at already.
 
     Raises:
         InputError: there is no choice, or more than one; or no scan has a pose.
     """
     topics = choose_scans(recording, choices.scans)
-    tree, glances, sensors = _survey(recording, topics)
-    notes: list[Note] = []
-    where = _poses(recording, tree, glances[0].frame, choices, notes)
-    seen: list[Pose3] = []
+    if found is None:
+        found = survey(
+            recording,
+            topics,
+            units_per_metre=choices.units_per_metre,
+            skip_bad=choices.skip_bad,
+        )
+    found = found.only(topics)
+    if not found.glances:
+        names = ", ".join(topic.name for topic in topics)
+        why = next((f": {found.bad[t.name]}" for t in topics if t.name in found.bad), "")
+        raise InputError(f"{recording.path}: no scan on {names}{why}")
+    _check_kinds(recording.path, found, choices)
+    cameras, notes = cameras_of(recording.path, found, choices.camera)
+    for topic in topics:
+        notes += [said_of(topic.name, note) for note in found.notes.get(topic.name, ())]
+    glances = found.glances
+    where = _poses(recording, found.tree, glances[0].frame, choices, notes)
+    seen: list[tuple[Glance, Pose3]] = []
     missing: NoPoseError | None = None
-    for beams in glances:
+    for glance in glances:
         try:
-            seen.append(where.at(beams.frame, beams.stamp_ns + choices.clock_offset_ns))
+            pose = where.at(glance.frame, glance.stamp_ns + choices.clock_offset_ns)
         except NoPoseError as error:
             missing = missing or error
+        else:
+            seen.append((glance, pose))
     if not seen:
         raise InputError(f"{recording.path}: no scan has a pose: {missing}")
-    _note_conflicts(tree, notes)
-    lasers = all(beams.points is None for beams in glances)
-    flat = lasers and all(lies_flat(pose) for pose in seen)
-    if lasers and not flat:
-        notes.append(Note("the laser leans: it is mapped in 3D", code="laser.leans"))
+    _note_conflicts(found.tree, notes)
+    flat = all(lies_flat(glance.shape, pose) for glance, pose in seen)
+    shapes = {glance.shape for glance in glances}
+    if not flat and shapes <= {"fan", "cone"}:
+        which = "laser leans" if "fan" in shapes else "sensor points up or down"
+        notes.append(Note(f"the {which}: it is mapped in 3D", code="laser.leans"))
+    _note_optical(seen, notes)
     return RecordedLog(
         recording=recording,
         topics=topics,
         poses=where,
         ndim=2 if flat else 3,
-        sensors=sensors,
+        sensors=found.sensors,
+        cameras=cameras,
+        units_per_metre=choices.units_per_metre,
         opening_notes=tuple(notes),
         clock_offset_ns=choices.clock_offset_ns,
         skip_bad=choices.skip_bad,
     )
 
 
-def _survey(
-    recording: Recording, topics: Sequence[Topic]
-) -> tuple[TransformTree, list[Beams], dict[str, SensorInfo]]:
-    """One pass over a recording: all transforms, some scans, and what these state.
+def _check_kinds(path: str, found: Survey, choices: Choices) -> None:
+    """Refuse what does not make one map, and what is stated of no use."""
+    cones = [name for name, info in found.sensors.items() if "cone_deg" in info.settings]
+    if cones and len(cones) < len(found.sensors):
+        rays = next(name for name in found.sensors if name not in cones)
+        raise InputError(
+            f"{path}: {cones[0]} has wide beams, {rays} has not, and one map takes one kind: map "
+            "them one by one (--scans TOPIC, scans=)"
+        )
+    for name, stated in (("camera", choices.camera), ("depth_scale", choices.units_per_metre)):
+        if stated is not None and not found.images:
+            raise InputError(
+                f"{path}: what is mapped holds no depth images: leave `{name}` out for this log"
+            )
 
-    Raises:
-        InputError: there is no scan.
-    """
-    tree, seen = TransformTree(recording.path), Counter[str]()
-    kinds = {topic.name: topic.type for topic in topics}
-    every = {topic.name: max(1, (topic.count or 0) // _GLANCES) for topic in topics}
-    others = [topic.name for topic in recording.topics.values() if topic.type in TF_TYPES]
-    found: list[Beams] = []
-    sensors: dict[str, SensorInfo] = {}
-    for message in recording.messages([*kinds, *others]):
-        name = message.topic
-        if name not in kinds:
-            add_transforms(tree, message)
+
+def _note_optical(seen: Sequence[tuple[Glance, Pose3]], notes: list[Note]) -> None:
+    """A doubt where images are in a frame that is not called optical."""
+    for topic in dict.fromkeys(glance.topic for glance, _ in seen if glance.shape == "image"):
+        own = [(glance.frame, pose) for glance, pose in seen if glance.topic == topic]
+        frame = own[0][0]
+        if "optical" in frame:
             continue
-        if seen[name] % every[name] == 0:
-            beams = beams_of(kinds[name], message.data)
-            sensors.setdefault(name, SensorInfo(beams.settings))
-            found.append(beams)
-        seen[name] += 1
-    if not found:
-        raise InputError(f"{recording.path}: no scan on {', '.join(kinds)}")
-    return tree, found, sensors
+        text = f"{topic} is in the frame {frame}, which is not called optical: its z axis is taken "
+        text += "as the way the camera looks"
+        if all(pose.rotation[2, 2] > _UPRIGHT for _, pose in own):
+            text += ", and it points up in the map: is that the frame of the camera's body?"
+        notes.append(Note(text, code="camera.not_optical", severity="warning"))
 
 
 def _poses(
@@ -131,16 +154,21 @@ def _poses(
     if stated in (None, "tf"):
         frame = choose_frame(tree, sensor, choices.frame)
         if frame is not None:
+            if mounted is not None:
+                raise InputError(
+                    f"{recording.path}: the transforms say where {sensor!r} sits: leave "
+                    "`body_from_sensor` out, or give the poses of its body with --poses (poses=)"
+                )
             if frame == "odom":
                 text = "the map is in the frame odom: poses are odometry, which drifts"
                 notes.append(Note(text, code="pose.odometry", severity="warning"))
             return TransformPoses(tree, frame, tolerance)
         if stated == "tf":
             raise InputError(
-                f"{recording.path}: no transform that moves leads to {sensor!r}: give poses with "
-                "--poses TOPIC or FILE (poses=)"
+                f"{recording.path}: no transform that moves leads to {sensor!r}"
+                f"{_nearly(tree, sensor)}: give poses with --poses TOPIC or FILE (poses=)"
             )
-    topic = _only_pose_topic(recording, sensor, stated)
+    topic = _only_pose_topic(recording, tree, sensor, stated)
     trajectory, frame, body = read_pose_topic(recording, topic)
     notes.append(Note(f"poses are those of {topic}", code="pose.topic"))
     if sensor == frame:
@@ -153,7 +181,22 @@ def _poses(
     return BodyPoses(trajectory, tree, body, mounted, tolerance, frame)
 
 
-def _only_pose_topic(recording: Recording, sensor: str, stated: str | None) -> str:
+def _nearly(tree: TransformTree, sensor: str) -> str:
+    """A remark where transforms know the body of a camera, and not its optical frame."""
+    words = sensor.split("_optical")[0]
+    frames = sorted({frame for link in tree.links for frame in link})
+    close = [frame for frame in frames if frame in (words, f"{words}_frame", f"{words}_link")]
+    if "_optical" not in sensor or sensor in frames or not close:
+        return ""
+    return (
+        f" (only to {close[0]!r}, which is not the optical frame; the recording lacks the "
+        "transform between the two)"
+    )
+
+
+def _only_pose_topic(
+    recording: Recording, tree: TransformTree, sensor: str, stated: str | None
+) -> str:
     names = [topic.name for topic in pose_topics(recording)]
     if stated is not None:
         if stated not in names:
@@ -165,8 +208,8 @@ def _only_pose_topic(recording: Recording, sensor: str, stated: str | None) -> s
     if len(names) != 1:
         there = f"several topics have poses, {', '.join(names)}" if names else "no topic has poses"
         raise InputError(
-            f"{recording.path}: no transforms lead to {sensor!r}, and {there}: "
-            "give poses with --poses TOPIC or FILE (poses=)"
+            f"{recording.path}: no transforms lead to {sensor!r}{_nearly(tree, sensor)}, "
+            f"and {there}: give poses with --poses TOPIC or FILE (poses=)"
         )
     return names[0]
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +15,12 @@ from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.poses.trajectory import NoPoseError
-from oddsmap.recordings.beams import Beams, beams_of
+from oddsmap.recordings.beams import Beams
 from oddsmap.recordings.poses import SensorPoses
 from oddsmap.recordings.recording import Recording, Topic
+from oddsmap.recordings.scan_messages import beams_of
+from oddsmap.recordings.survey import sensor_id
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -24,12 +28,19 @@ from oddsmap.scans.scan import Scan
 __all__ = ["RecordedLog", "lies_flat"]
 
 # A laser whose plane leans by more than this sees other walls than a map of the plane has.
-_FLAT = math.cos(math.radians(3.0))
+_LEANS = math.radians(3.0)
 
 
-def lies_flat(map_from_sensor: Pose3) -> bool:
-    """Whether a laser scans the plane of the map, upright or overhead."""
-    return bool(abs(map_from_sensor.rotation[2, 2]) >= _FLAT)
+def lies_flat(shape: str, map_from_sensor: Pose3) -> bool:
+    """Whether a scan lies in the plane of the map, upright or overhead.
+
+    Args:
+        shape: of the scan, see `Glance`.
+        map_from_sensor: where its sensor was.
+    """
+    if shape == "cone":  # whatever way up it is
+        return bool(abs(map_from_sensor.rotation[2, 0]) <= math.sin(_LEANS))
+    return shape == "fan" and bool(abs(map_from_sensor.rotation[2, 2]) >= math.cos(_LEANS))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -41,10 +52,14 @@ class RecordedLog:
         topics: the topics of scans.
         poses: where the sensor was.
         ndim: 2 for scans of the plane, else 3.
-        sensors: what is stated about each sensor, by topic.
+        sensors: what is stated about each sensor, by topic, and frame where several share it.
+        cameras: the intrinsics of each topic of images.
+        units_per_metre: of images of whole numbers; by default they are millimetres.
         opening_notes: what to know before anything is read.
         clock_offset_ns: added to the stamps of scans to get the time of poses [ns].
         skip_bad: skip scans that make no sense and count them, in place of raising.
+        others: sensors on the same topics that are left out.
+        silent: topics whose unreadable scans another part counts.
     """
 
     recording: Recording
@@ -52,11 +67,16 @@ class RecordedLog:
     poses: SensorPoses
     ndim: int
     sensors: Mapping[str, SensorInfo]
+    cameras: Mapping[str, PinholeCamera] = field(default_factory=dict)
+    units_per_metre: float | None = None
     opening_notes: tuple[Note, ...] = ()
     clock_offset_ns: int = 0
     skip_bad: bool = False
+    others: frozenset[str] = frozenset()
+    silent: frozenset[str] = frozenset()
     _skipped: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _first: list[str] = field(default_factory=list, init=False, repr=False)
+    _restated: Counter[str] = field(default_factory=Counter, init=False, repr=False)
 
     @property
     def path(self) -> str:
@@ -92,11 +112,46 @@ class RecordedLog:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What to know about this log."""
-        if not self._first:
-            return self.opening_notes
-        count = sum(self._skipped.values())
-        text = f"{count} scans were skipped, the first: {self._first[0]}"
-        return (*self.opening_notes, Note(text, code="log.bad_scans", severity="warning"))
+        found = list(self.opening_notes)
+        for sensor, count in self._restated.items():
+            text = f"{count} scans of {sensor} state other limits than its first one, which count"
+            found.append(Note(text, code="sensor.restated", severity="warning"))
+        if self._first:
+            count = sum(self._skipped.values())
+            text = f"{count} scans were skipped, the first: {self._first[0]}"
+            found.append(Note(text, code="log.bad_scans", severity="warning"))
+        return tuple(found)
+
+    def parts(self) -> list[RecordedLog]:
+        """The log, or where its sensors state different things one for those that agree."""
+        groups: dict[tuple[tuple[str, float], ...], set[str]] = {}
+        for sensor, info in self.sensors.items():
+            groups.setdefault(tuple(sorted(info.settings.items())), set()).add(sensor)
+        if len(groups) == 1:
+            return [self]
+        parts: list[RecordedLog] = []
+        counted: set[str] = set()
+        for own in groups.values():
+            # A sensor is called by its topic, and where it shares that by its frame as well.
+            names = {
+                topic.name
+                for topic in self.topics
+                if any(
+                    sensor == topic.name or sensor.startswith(f"{topic.name} ") for sensor in own
+                )
+            }
+            part = replace(
+                self,
+                topics=[topic for topic in self.topics if topic.name in names],
+                sensors={sensor: self.sensors[sensor] for sensor in self.sensors if sensor in own},
+                # What there is to know of the recording is said once.
+                opening_notes=() if parts else self.opening_notes,
+                others=frozenset(self.sensors) - own,
+                silent=frozenset(names & counted),
+            )
+            counted |= names
+            parts.append(part)
+        return parts
 
     def __len__(self) -> int:
         """`scan_count`.
@@ -108,25 +163,34 @@ class RecordedLog:
             raise TypeError(f"{self.path}: the number of scans is not known before they are read")
         return self.scan_count
 
-    def __iter__(self) -> Iterator[Scan]:
+    def __iter__(self) -> Iterator[Scan | Any]:
         """The scans in the order of the file; can be started again."""
         self._skipped.clear()
         self._first.clear()
+        self._restated.clear()
         kinds = {topic.name: topic.type for topic in self.topics}
-        stated = self.sensor
         for message in self.recording.messages(kinds):
+            name = message.topic
             try:
-                scan = self._scan(beams_of(kinds[message.topic], message.data))
+                beams = beams_of(kinds[name], message.data, self.units_per_metre)
+                sensor = sensor_id(name, beams)
+                if sensor in self.others:
+                    continue
+                scan = self._scan(name, beams)
             except NoPoseError as error:
-                self._skip("scan.no_pose", message.topic, error)
+                self._skip("scan.no_pose", name, error)
                 continue
             except InputError as error:
                 if not self.skip_bad:
-                    raise InputError(f"{self.path}: {message.topic}: {error}") from None
-                self._skip("scan.unreadable", message.topic, error)
+                    raise InputError(f"{self.path}: {name}: {error}") from None
+                if name not in self.silent:
+                    self._skip("scan.unreadable", name, error)
                 continue
+            stated = self.sensors.get(sensor, SensorInfo()).settings
+            if beams.settings != stated:
+                self._restated[sensor] += 1
             object.__setattr__(scan, "stated", stated)
-            object.__setattr__(scan, "sensor_id", message.topic)
+            object.__setattr__(scan, "sensor_id", sensor)
             yield scan
 
     def _skip(self, reason: str, topic: str, error: InputError) -> None:
@@ -134,10 +198,12 @@ class RecordedLog:
         if not self._first:
             self._first.append(f"{topic}: {error}")
 
-    def _scan(self, beams: Beams) -> Scan:
+    def _scan(self, topic: str, beams: Beams) -> Scan | DepthScan:
         stamp = beams.stamp_ns + self.clock_offset_ns
         pose = self.poses.at(beams.frame, stamp)
         times = None if beams.after_ns is None else beams.after_ns + stamp
+        if beams.depth is not None:
+            return DepthScan(pose, beams.depth, self.cameras[topic], stamp)
         if beams.points is not None:
             points = beams.points
             if beams.frame == self.poses.frame:
