@@ -93,7 +93,9 @@ def log_of(recording: Recording, choices: Choices, found: Survey | None = None) 
             seen.append((glance, pose))
     if not seen:
         raise InputError(f"{recording.path}: no scan has a pose: {missing}")
-    _note_conflicts(found.tree, notes)
+    notes += [
+        Note(text, code="transform.conflict", severity="warning") for text in found.tree.doubts()
+    ]
     flat = all(lies_flat(glance.shape, pose) for glance, pose in seen)
     shapes = {glance.shape for glance in glances}
     if not flat and shapes <= {"fan", "cone"}:
@@ -212,11 +214,3 @@ def _only_pose_topic(
             f"and {there}: give poses with --poses TOPIC or FILE (poses=)"
         )
     return names[0]
-
-
-def _note_conflicts(tree: TransformTree, notes: list[Note]) -> None:
-    for (parent, child), count in tree.conflicts.items():
-        if count:
-            text = f"{count} transforms {parent} to {child} differ from another of the same stamp: "
-            text += "the first of each counts"
-            notes.append(Note(text, code="transform.conflict", severity="warning"))

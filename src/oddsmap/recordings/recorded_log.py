@@ -19,7 +19,7 @@ from oddsmap.recordings.beams import Beams
 from oddsmap.recordings.poses import SensorPoses
 from oddsmap.recordings.recording import Recording, Topic
 from oddsmap.recordings.scan_messages import beams_of
-from oddsmap.recordings.survey import sensor_id
+from oddsmap.recordings.survey import sensor_id, shape_of
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
@@ -38,9 +38,15 @@ def lies_flat(shape: str, map_from_sensor: Pose3) -> bool:
         shape: of the scan, see `Glance`.
         map_from_sensor: where its sensor was.
     """
+    return shape in ("fan", "cone") and _lean(shape, map_from_sensor) <= math.sin(_LEANS)
+
+
+def _lean(shape: str, map_from_sensor: Pose3) -> float:
+    """The sine of the angle by which a scan leans out of the plane of the map."""
+    turned = map_from_sensor.rotation
     if shape == "cone":  # whatever way up it is
-        return bool(abs(map_from_sensor.rotation[2, 0]) <= math.sin(_LEANS))
-    return shape == "fan" and bool(abs(map_from_sensor.rotation[2, 2]) >= math.cos(_LEANS))
+        return abs(float(turned[2, 0]))
+    return math.hypot(float(turned[2, 0]), float(turned[2, 1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,6 +83,7 @@ class RecordedLog:
     _skipped: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _first: list[str] = field(default_factory=list, init=False, repr=False)
     _restated: Counter[str] = field(default_factory=Counter, init=False, repr=False)
+    _leaning: list[float] = field(default_factory=list, init=False, repr=False)
 
     @property
     def path(self) -> str:
@@ -116,6 +123,13 @@ class RecordedLog:
         for sensor, count in self._restated.items():
             text = f"{count} scans of {sensor} state other limits than its first one, which count"
             found.append(Note(text, code="sensor.restated", severity="warning"))
+        if self._leaning:
+            most = math.degrees(math.asin(min(1.0, max(self._leaning))))
+            text = (
+                f"{len(self._leaning)} scans lean by more than {math.degrees(_LEANS):g} degrees, "
+            )
+            text += f"up to {most:.3g}: they are mapped as if they were level"
+            found.append(Note(text, code="scan.leans", severity="warning"))
         if self._first:
             count = sum(self._skipped.values())
             text = f"{count} scans were skipped, the first: {self._first[0]}"
@@ -168,6 +182,7 @@ class RecordedLog:
         self._skipped.clear()
         self._first.clear()
         self._restated.clear()
+        self._leaning.clear()
         kinds = {topic.name: topic.type for topic in self.topics}
         for message in self.recording.messages(kinds):
             name = message.topic
@@ -212,6 +227,9 @@ class RecordedLog:
             object.__setattr__(scan, "beam_times_ns", times)
             return scan
         if self.ndim == 2:
+            lean = _lean(shape_of(beams), pose)
+            if lean > math.sin(_LEANS):
+                self._leaning.append(lean)
             flat, directions = _in_the_plane(pose, beams.directions)
             return Scan(flat, directions, beams.ranges, stamp, beam_times_ns=times)
         return Scan(pose, beams.directions, beams.ranges, stamp, beam_times_ns=times)

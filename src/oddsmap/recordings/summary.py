@@ -179,11 +179,7 @@ def _doubts(found: Survey) -> list[str]:
     """What looks wrong."""
     said = [f"{topic}: {note}" for topic, notes in found.notes.items() for note in notes]
     said += [f"{topic}: {why}" for topic, why in found.bad.items()]
-    return said + [
-        f"{count} transforms {parent} to {child} differ from another of the same stamp"
-        for (parent, child), count in found.tree.conflicts.items()
-        if count
-    ]
+    return said + found.tree.doubts()
 
 
 def _command(recording: Recording, found: Survey, topics: Sequence[Topic]) -> str:

@@ -18,7 +18,7 @@ from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
 
-__all__ = ["Glance", "Survey", "cameras_of", "said_of", "sensor_id", "survey"]
+__all__ = ["Glance", "Survey", "cameras_of", "said_of", "sensor_id", "shape_of", "survey"]
 
 # Scans of a topic looked at before mapping: whether the laser leans, whether there are poses.
 _GLANCES = 50
@@ -142,7 +142,7 @@ def _take(found: Survey, topic: str, beams: Beams, log_ns: int) -> None:
     """Keep what a scan shows."""
     sensor = sensor_id(topic, beams)
     found.sensors.setdefault(sensor, SensorInfo(beams.settings))
-    found.glances.append(Glance(topic, sensor, beams.frame, beams.stamp_ns, _shape(beams)))
+    found.glances.append(Glance(topic, sensor, beams.frame, beams.stamp_ns, shape_of(beams)))
     found.late_ns.setdefault(topic, []).append(log_ns - beams.stamp_ns)
     known = found.notes.setdefault(topic, [])
     known += [note for note in beams.notes if note not in known]
@@ -151,7 +151,8 @@ def _take(found: Survey, topic: str, beams: Beams, log_ns: int) -> None:
         found.images.setdefault(topic, (beams.frame, width, height))
 
 
-def _shape(beams: Beams) -> str:
+def shape_of(beams: Beams) -> str:
+    """The shape of a scan, see `Glance`."""
     if beams.depth is not None:
         return "image"
     if beams.points is not None:

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Traps of frames and stamps, each in a recording of its own."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from oddsmap import open_log
+from tests.recordings.bags import Messages, Said
+from tests.recordings.test_recorded_log import SECOND, START, drive
+
+
+@pytest.fixture
+def ros() -> Messages:
+    return Messages("bag")
+
+
+def places(log: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    return np.array([scan.map_from_sensor.translation for scan in log])
+
+
+WANT = np.array(
+    [(0.05 * k + 0.2 * math.cos(0.02 * k), 0.01 * k + 0.2 * math.sin(0.02 * k)) for k in range(20)]
+)
+
+
+def test_leading_slashes_are_no_part_of_a_name(ros: Messages, tmp_path: Path) -> None:
+    said = drive(ros)
+    for k, (topic, _, message) in enumerate(said):
+        if topic == "/scan" and k % 3 == 0:
+            message.header.frame_id = "/laser"
+        elif topic != "/scan":
+            (moved,) = message.transforms
+            moved.child_frame_id = f"/{moved.child_frame_id}"
+            moved.header.frame_id = f"/{moved.header.frame_id}"
+    log = open_log(ros.write(tmp_path / "run", said), frame="/map")
+    np.testing.assert_allclose(places(log), WANT, atol=1e-12)
+
+
+def test_the_map_as_a_child(ros: Messages, tmp_path: Path) -> None:
+    """As where a localiser publishes odom to map: here base to map."""
+    said = drive(ros)
+    for topic, _, message in said:
+        if topic == "/tf":
+            (moved,) = message.transforms
+            move, yaw = moved.transform.translation, 2 * math.asin(moved.transform.rotation.z)
+            x, y, c, s = move.x, move.y, math.cos(yaw), math.sin(yaw)
+            at = (-c * x - s * y, s * x - c * y, 0.0)
+            stamp = moved.header.stamp.sec * SECOND + moved.header.stamp.nanosec
+            message.transforms[:] = [ros.transform(stamp, "base", "map", at, -yaw)]
+    log = open_log(ros.write(tmp_path / "run", said))
+    np.testing.assert_allclose(places(log), WANT, atol=1e-9)
+
+
+def test_fixed_transforms_repeated_on_tf(ros: Messages, tmp_path: Path) -> None:
+    """They are known before the first and after the last of their stamps, too."""
+    said = [each for each in drive(ros) if each[0] != "/tf_static"]
+    for k in range(50):
+        now = START + SECOND + k * SECOND // 50
+        fixed = ros.transform(now, "base", "laser", (0.2, 0.0, 0.3), 0.0)
+        said.append(("/tf", now, ros.tf(fixed)))
+    log = open_log(ros.write(tmp_path / "run", said))
+    np.testing.assert_allclose(places(log), WANT, atol=1e-12)
+    assert log.skipped == {}
+
+
+def test_headers_ahead_of_the_time_of_writing(ros: Messages, tmp_path: Path) -> None:
+    log = open_log(ros.write(tmp_path / "run", drive(ros, log_late=-7_600_000_000)))
+    np.testing.assert_allclose(places(log), WANT, atol=1e-12)
+
+
+def notes_of(ros: Messages, said: list[Said], tmp_path: Path) -> list[str]:
+    return [str(note) for note in open_log(ros.write(tmp_path / "run", said)).notes]
+
+
+def test_one_stamp_with_two_values_is_told(ros: Messages, tmp_path: Path) -> None:
+    said = drive(ros)
+    for k in range(3):
+        other = ros.transform(START + k * SECOND // 10, "map", "base", (9.0, 0.0, 0.0), 0.0)
+        said.append(("/tf", START + 2 * SECOND, ros.tf(other)))
+    path = ros.write(tmp_path / "run", said)
+    log = open_log(path)
+    np.testing.assert_allclose(places(log), WANT, atol=1e-12)
+    (note,) = log.notes
+    assert note.severity == "warning"
+    assert (
+        note == "3 transforms map to base differ from another of the same stamp: the first of "
+        "each counts"
+    )
+
+
+def test_a_fixed_transform_with_two_values_is_told(ros: Messages, tmp_path: Path) -> None:
+    said = drive(ros)
+    other = ros.transform(START, "base", "laser", (0.7, 0.0, 0.3), 0.0)
+    said.insert(1, ("/tf_static", START, ros.tf(other)))
+    (note,) = notes_of(ros, said, tmp_path)
+    assert note == "base to laser is stated 2 times as fixed, and differently: the last counts"
+
+
+def test_a_transform_that_is_fixed_and_moves_is_told(ros: Messages, tmp_path: Path) -> None:
+    said = drive(ros)
+    for k in range(3):
+        now = START + k * SECOND
+        other = ros.transform(now, "base", "laser", (0.1 * k, 0.0, 0.3), 0.0)
+        said.append(("/tf", now, ros.tf(other)))
+    (note,) = notes_of(ros, said, tmp_path)
+    assert note == "base to laser is stated as fixed, and moves elsewhere: the fixed one counts"
+
+
+def test_scans_that_lean_between_glances_are_told(ros: Messages, tmp_path: Path) -> None:
+    """Every other scan is looked at before the map is known to be flat."""
+    said: list[Said] = []
+    for k in range(100):
+        now = START + k * SECOND // 10
+        moved = ros.transform(now, "map", "laser", (0.01 * k, 0.0, 0.0), 0.0)
+        lean = math.radians(5.0) if k == 31 else 0.0
+        turn = moved.transform.rotation
+        turn.x, turn.w = math.sin(lean / 2), math.cos(lean / 2)
+        said.append(("/tf", now, ros.tf(moved)))
+        said.append(("/scan", now, ros.laser(now, "laser", np.full(8, 2.0))))
+    log = open_log(ros.write(tmp_path / "run", said))
+    assert len(list(log)) == 100
+    (note,) = log.notes
+    assert (
+        note == "1 scans lean by more than 3 degrees, up to 5: they are mapped as if they were "
+        "level"
+    )
