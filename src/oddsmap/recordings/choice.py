@@ -15,10 +15,12 @@ from oddsmap.recordings.recording import Recording, Topic
 from oddsmap.recordings.scan_messages import IMAGE, SCAN_TYPES
 from oddsmap.recordings.transforms import TransformTree
 
-__all__ = ["choose_frame", "choose_scans", "map_frames", "pose_topics", "scan_topics"]
+__all__ = ["body_frame", "choose_frame", "choose_scans", "map_frames", "pose_topics", "scan_topics"]
 
 # Frames that a map is in by the conventions of ROS (REP 105), the best first.
 _MAP_NAMES = ("map", "world", "odom")
+# What the body that carries the sensors is called by them, the best first.
+_BODY_NAMES = ("base_link", "base_footprint", "base")
 
 
 def scan_topics(recording: Recording) -> list[Topic]:
@@ -73,6 +75,13 @@ def choose_scans(recording: Recording, stated: Sequence[str]) -> list[Topic]:
             "TOPIC (scans=), once for each"
         )
     return list(found.values())
+
+
+def body_frame(tree: TransformTree, sensor: str) -> str | None:
+    """The frame of the body that carries a sensor, one that it is fixed to before others."""
+    names = {frame.rsplit("/", 1)[-1]: frame for frame in tree.reachable(sensor) - {sensor}}
+    bodies = [names[name] for name in _BODY_NAMES if name in names]
+    return min(bodies, key=lambda frame: tree.moves_between(frame, sensor), default=None)
 
 
 def map_frames(tree: TransformTree, sensor: str) -> list[str]:

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError, Trajectory
-from oddsmap.recordings.choice import choose_frame, choose_scans, pose_topics
-from oddsmap.recordings.poses import BodyPoses, SensorPoses, TransformPoses, read_pose_topic
+from oddsmap.recordings.choice import choose_scans
+from oddsmap.recordings.pose_choice import PoseChoices, choose_poses
 from oddsmap.recordings.recorded_log import RecordedLog, lies_flat
 from oddsmap.recordings.recording import Recording
 from oddsmap.recordings.survey import Glance, Survey, cameras_of, said_of, survey
-from oddsmap.recordings.transforms import TransformTree
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.note import Note
 
@@ -81,7 +80,9 @@ def log_of(recording: Recording, choices: Choices, found: Survey | None = None) 
     for topic in topics:
         notes += [said_of(topic.name, note) for note in found.notes.get(topic.name, ())]
     glances = found.glances
-    where = _poses(recording, found.tree, glances[0].frame, choices, notes)
+    said = PoseChoices(choices.poses, choices.frame, choices.body_from_sensor, choices.tolerance_ns)
+    where, of_poses = choose_poses(recording, found.tree, glances, said)
+    notes += of_poses
     seen: list[tuple[Glance, Pose3]] = []
     missing: NoPoseError | None = None
     for glance in glances:
@@ -144,73 +145,3 @@ def _note_optical(seen: Sequence[tuple[Glance, Pose3]], notes: list[Note]) -> No
         if all(pose.rotation[2, 2] > _UPRIGHT for _, pose in own):
             text += ", and it points up in the map: is that the frame of the camera's body?"
         notes.append(Note(text, code="camera.not_optical", severity="warning"))
-
-
-def _poses(
-    recording: Recording, tree: TransformTree, sensor: str, choices: Choices, notes: list[Note]
-) -> SensorPoses:
-    """Where the sensor was, as the caller says, or by what there is."""
-    stated, mounted, tolerance = choices.poses, choices.body_from_sensor, choices.tolerance_ns
-    if isinstance(stated, Trajectory):
-        return BodyPoses(stated, tree, None, mounted, tolerance)
-    if stated in (None, "tf"):
-        frame = choose_frame(tree, sensor, choices.frame)
-        if frame is not None:
-            if mounted is not None:
-                raise InputError(
-                    f"{recording.path}: the transforms say where {sensor!r} sits: leave "
-                    "`body_from_sensor` out, or give the poses of its body with --poses (poses=)"
-                )
-            if frame == "odom":
-                text = "the map is in the frame odom: poses are odometry, which drifts"
-                notes.append(Note(text, code="pose.odometry", severity="warning"))
-            return TransformPoses(tree, frame, tolerance)
-        if stated == "tf":
-            raise InputError(
-                f"{recording.path}: no transform that moves leads to {sensor!r}"
-                f"{_nearly(tree, sensor)}: give poses with --poses TOPIC or FILE (poses=)"
-            )
-    topic = _only_pose_topic(recording, tree, sensor, stated)
-    trajectory, frame, body = read_pose_topic(recording, topic)
-    notes.append(Note(f"poses are those of {topic}", code="pose.topic"))
-    if sensor == frame:
-        text = f"the points are in the frame of the map, {frame}: rays start at the poses"
-        notes.append(Note(text, code="cloud.in_map", severity="warning"))
-    elif mounted is None and sensor not in tree.reachable(body or ""):
-        text = f"nothing says where {sensor!r} sits on the robot: it is taken to be at its origin; "
-        text += "--body-from-sensor says where"
-        notes.append(Note(text, code="extrinsics.missing", severity="warning"))
-    return BodyPoses(trajectory, tree, body, mounted, tolerance, frame)
-
-
-def _nearly(tree: TransformTree, sensor: str) -> str:
-    """A remark where transforms know the body of a camera, and not its optical frame."""
-    words = sensor.split("_optical")[0]
-    frames = sorted({frame for link in tree.links for frame in link})
-    close = [frame for frame in frames if frame in (words, f"{words}_frame", f"{words}_link")]
-    if "_optical" not in sensor or sensor in frames or not close:
-        return ""
-    return (
-        f" (only to {close[0]!r}, which is not the optical frame; the recording lacks the "
-        "transform between the two)"
-    )
-
-
-def _only_pose_topic(
-    recording: Recording, tree: TransformTree, sensor: str, stated: str | None
-) -> str:
-    names = [topic.name for topic in pose_topics(recording)]
-    if stated is not None:
-        if stated not in names:
-            raise InputError(
-                f"{recording.path}: {stated} is no topic of poses: "
-                f"it has {', '.join(names) or 'none'}"
-            )
-        return stated
-    if len(names) != 1:
-        there = f"several topics have poses, {', '.join(names)}" if names else "no topic has poses"
-        raise InputError(
-            f"{recording.path}: no transforms lead to {sensor!r}{_nearly(tree, sensor)}, "
-            f"and {there}: give poses with --poses TOPIC or FILE (poses=)"
-        )
-    return names[0]

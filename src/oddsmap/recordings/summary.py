@@ -14,7 +14,7 @@ import numpy as np
 
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
-from oddsmap.recordings.choice import map_frames, pose_topics, scan_topics
+from oddsmap.recordings.choice import body_frame, map_frames, pose_topics, scan_topics
 from oddsmap.recordings.open_recording import Choices, log_of
 from oddsmap.recordings.recording import Recording, Topic
 from oddsmap.recordings.scan_messages import RANGE
@@ -106,14 +106,9 @@ def _where(found: Survey, topic: str, frames: Sequence[str]) -> str:
 
 
 def _place(tree: TransformTree, sensor: str) -> str:
-    bases = [
-        frame
-        for frame in tree.reachable(sensor) - {sensor}
-        if frame.rsplit("/", 1)[-1].startswith("base")
-    ]
-    if not bases:
+    base = body_frame(tree, sensor)
+    if base is None:
         return f"in the frame {sensor}"
-    base = min(bases, key=lambda frame: (tree.moves_between(frame, sensor), "link" not in frame))
     if tree.moves_between(base, sensor):
         return f"in the frame {sensor}, which moves against {base}"
     pose = Pose3(np.eye(3), np.zeros(3))
