@@ -26,6 +26,9 @@ def livox_beams(data: Any) -> Beams:
     Where the timebase is of another clock than the stamp (the sensor's own, since it was switched
     on), the times count from the stamp. A point at the origin is one without a return.
 
+    Args:
+        data: the message, its points as objects or as records (`livox_bytes`).
+
     Raises:
         InputError: it says that it has another number of points than it has.
     """
@@ -33,9 +36,12 @@ def livox_beams(data: Any) -> Beams:
         raise InputError(
             f"a Livox message of {int(data.point_num)} points that holds {len(data.points)}"
         )
-    table = np.array(
-        [(point.x, point.y, point.z, point.offset_time) for point in data.points], np.float64
-    ).reshape(-1, 4)
+    if isinstance(data.points, np.ndarray):
+        columns = [data.points[name] for name in ("x", "y", "z", "offset_time")]
+        table = np.stack(columns, axis=1).astype(np.float64)
+    else:
+        rows = [(point.x, point.y, point.z, point.offset_time) for point in data.points]
+        table = np.array(rows, np.float64).reshape(-1, 4)
     stamp = stamp_of(data.header)
     late = int(data.timebase) - stamp
     after = table[:, 3].astype(np.int64) + (late if abs(late) <= _ONE_CLOCK_NS else 0)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from oddsmap.errors import InputError
+from oddsmap.recordings.livox_bytes import LIVOX_TYPES, livox_message
 from oddsmap.recordings.recording import Message, Topic
 
 __all__ = ["RosRecording", "is_ros_recording", "open_ros_recording"]
@@ -49,7 +50,10 @@ class RosRecording:
                 # Whatever a damaged file makes of the reader, but not what is done with a message.
                 try:
                     connection, log_ns, raw = next(found)
-                    data = reader.deserialize(raw, connection.msgtype)
+                    if connection.msgtype.replace("/msg/", "/") in LIVOX_TYPES:
+                        data: Any = livox_message(raw, cdr=reader.is2)
+                    else:
+                        data = reader.deserialize(raw, connection.msgtype)
                 except StopIteration:
                     return
                 except Exception as error:
