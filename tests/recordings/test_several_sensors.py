@@ -57,6 +57,16 @@ def test_both_at_once_are_each_alone_and_merged(container: str, tmp_path: Path) 
     assert votes_of(both) == votes_of(alone)
 
 
+def test_evidence_that_fades(path: Path) -> None:
+    """All parts by the time of the last scan of all."""
+    both = build_map(open_log(path, scans=["/scan", "/rear"]), 0.1, half_life=1.0)
+    when = both.config.map.t_ref_ns
+    assert when == START + 19 * SECOND // 10
+    alone = build_map(open_log(path, scans="/scan"), 0.1, half_life=1.0, t_ref_ns=when)
+    alone.merge(build_map(open_log(path, scans="/rear"), 0.1, half_life=1.0, t_ref_ns=when))
+    assert votes_of(both) == votes_of(alone)
+
+
 def test_whoever_gives_the_sensor_has_decided(path: Path) -> None:
     sensor = BeamSensor(range_max=4.0)
     both = build_map(open_log(path, scans=["/scan", "/rear"]), 0.1, sensor=sensor)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -65,6 +66,13 @@ def _laser(data: Any, ranges: FloatArray) -> Beams:
     start, step = float(data.angle_min), float(data.angle_increment)
     if len(ranges) > _MAX_BEAMS or not (np.isfinite(start) and np.isfinite(step)):
         raise InputError(f"a laser of {len(ranges)} beams from {start:g} in steps of {step:g} rad")
+    notes = []
+    # One beam more or less is how drivers count.
+    said = (float(data.angle_max) - start) / step + 1.0 if step else math.nan
+    if len(ranges) and not abs(said - len(ranges)) <= 2.5:
+        text = f"a scan has {len(ranges)} beams, and {said:.6g} by its angles: they are taken in "
+        text += f"steps of {step:.4g} rad from {start:.4g}"
+        notes.append(Note(text, code="laser.angles", severity="warning"))
     every = float(data.time_increment)
     after = None
     if 0.0 < every * len(ranges) < 10.0:
@@ -81,6 +89,7 @@ def _laser(data: Any, ranges: FloatArray) -> Beams:
         ranges=ranges,
         after_ns=after,
         settings=settings,
+        notes=tuple(notes),
     )
 
 

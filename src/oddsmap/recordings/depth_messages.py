@@ -106,10 +106,10 @@ def camera_of(data: Any, image: str) -> tuple[PinholeCamera, list[Note]]:
     width, height = int(roi.width) or int(data.width), int(roi.height) or int(data.height)
     try:
         camera = PinholeCamera(
-            fx=fx / binned[0],
-            fy=fy / binned[1],
-            cx=(cx - int(roi.x_offset)) / binned[0],
-            cy=(cy - int(roi.y_offset)) / binned[1],
+            fx=float(fx) / binned[0],
+            fy=float(fy) / binned[1],
+            cx=(float(cx) - int(roi.x_offset)) / binned[0],
+            cy=(float(cy) - int(roi.y_offset)) / binned[1],
             width=width // binned[0],
             height=height // binned[1],
         )
@@ -135,6 +135,7 @@ def _doubts_of_distortion(data: Any, camera: PinholeCamera) -> list[Note]:
     return [Note(text, code="camera.distortion", severity="warning")]
 
 
+@np.errstate(all="ignore")  # of numbers that are no camera's
 def _moved(d: FloatArray, camera: PinholeCamera) -> float:
     """How far distortion moves the corners of an image [pixels]; of the model of OpenCV."""
     k1, k2, p1, p2, k3, k4, k5, k6 = np.append(d, np.zeros(8))[:8]

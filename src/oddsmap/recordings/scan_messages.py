@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from oddsmap.recordings.beams import LASERS_AND_CLOUDS, Beams
 from oddsmap.recordings.depth_messages import depth_beams
 from oddsmap.recordings.livox_messages import livox_beams
@@ -35,6 +37,7 @@ def beams_of(kind: str, data: Any, units_per_metre: float | None = None) -> Beam
     Raises:
         InputError: it makes no sense.
     """
-    if kind == IMAGE:
-        return depth_beams(data, units_per_metre)
-    return SCAN_TYPES[kind](data)
+    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs, which some bytes are
+        if kind == IMAGE:
+            return depth_beams(data, units_per_metre)
+        return SCAN_TYPES[kind](data)

@@ -145,7 +145,8 @@ def _take(found: Survey, topic: str, beams: Beams, log_ns: int) -> None:
     found.glances.append(Glance(topic, sensor, beams.frame, beams.stamp_ns, shape_of(beams)))
     found.late_ns.setdefault(topic, []).append(log_ns - beams.stamp_ns)
     known = found.notes.setdefault(topic, [])
-    known += [note for note in beams.notes if note not in known]
+    said = {note.code for note in known}
+    known += [note for note in beams.notes if note.code not in said]
     if beams.depth is not None:
         height, width = beams.depth.shape
         found.images.setdefault(topic, (beams.frame, width, height))
