@@ -64,7 +64,9 @@ def choose_scans(recording: Recording, stated: Sequence[str]) -> list[Topic]:
     if stated:
         return [found[name] for name in dict.fromkeys(stated)]
     if not found:
-        kinds = ", ".join(kind.rsplit("/", 1)[-1] for kind in SCAN_TYPES)
+        # Livox's two drivers have the same name for theirs; images count where they are of depth.
+        kinds = ", ".join(dict.fromkeys(kind.rsplit("/", 1)[-1] for kind in SCAN_TYPES))
+        kinds = kinds.replace("Image", "Image of depth")
         raise InputError(
             f"{recording.path}: no topic of scans ({kinds}): it has "
             f"{_words(recording.topics) or 'no messages'}"
