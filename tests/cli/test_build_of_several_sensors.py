@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from oddsmap import build_map, load_map, open_log
+from oddsmap import ConeSensor, build_map, load_map, open_log
 from tests.cli.conftest import Run
 from tests.kit import votes_of
 
 pytest.importorskip("rosbags", reason='recordings need rosbags: pip install "oddsmap[ros]"')
 
 from tests.recordings.bags import Messages
+from tests.recordings.test_range_messages import ring
 from tests.recordings.test_recorded_log import SECOND, START
 from tests.recordings.test_several_sensors import two_lasers
 
@@ -68,3 +69,21 @@ def test_what_is_said_of_the_recording_is_said_once(run: Run, tmp_path: Path) ->
     words = ("--scans", "/scan", "--scans", "/rear", "--resolution", 0.1)
     out = run("build", path, *words, "-o", tmp_path / "a.zarr").out
     assert out.count("poses are those of /odom") == 1
+
+
+def test_the_width_that_a_sonar_does_not_state(run: Run, tmp_path: Path) -> None:
+    """The remedy of the doubt works as it is written."""
+    messages = Messages("bag")
+    said = ring(messages, one_topic=True)
+    for topic, _, message in said:
+        if topic == "/sonar":
+            message.field_of_view = 0.0
+    path = messages.write(tmp_path / "run", said)
+    build = ("build", path, "--resolution", 0.1)
+    said_of_it = run(*build, "-o", tmp_path / "a.zarr").out
+    assert "say --sensor sonar --set sensor.cone_deg=DEGREES" in said_of_it
+    words = ("--sensor", "sonar", "--set", "sensor.cone_deg=15")
+    assert run(*build, *words, "-o", tmp_path / "b.zarr", "--json").json["scans"] == 24
+    made = load_map(tmp_path / "b.zarr")
+    assert isinstance(made.sensor, ConeSensor)
+    assert (made.sensor.cone_deg, made.sensor.range_max) == (15.0, 4.0)

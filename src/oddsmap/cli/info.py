@@ -132,7 +132,9 @@ def _texts(name: str, value: Any, *, all_settings: bool) -> list[str]:
 def _topic(name: str, said: dict[str, Any]) -> str:
     """A topic of a recording: its name, how many messages of which type, and how often."""
     rate = f", {_word(said['hz'])} per second" if "hz" in said else ""
-    frames = f", in {', '.join(said['frames'][:4])}" if "frames" in said else ""
+    frames = said.get("frames", [])
+    more = f" and {len(frames) - 4} more" if len(frames) > 4 else ""
+    frames = f", in {', '.join(frames[:4])}{more}" if frames else ""
     return f"{name}: {_word(said['count'])} x {said['type']}{rate}{frames}"
 
 

@@ -99,9 +99,9 @@ def _where(found: Survey, topic: str, frames: Sequence[str]) -> str:
     """The frame of a sensor, where it sits on what carries it, and what it states."""
     first = next(glance for glance in found.glances if glance.topic == topic)
     stated = [f"{name} {value:g}" for name, value in found.sensors[first.sensor].settings.items()]
-    places = [_place(found.tree, frame) for frame in frames[:8]]
-    if len(frames) > 8:
-        places.append(f"in {len(frames) - 8} more frames")
+    places = [_place(found.tree, frame) for frame in frames[:4]]
+    if len(frames) > 4:
+        places.append(f"in {len(frames) - 4} more frames")
     return "; ".join([*places, *([", ".join(stated)] if stated else [])])
 
 
