@@ -234,3 +234,19 @@ def test_poses_of_a_file_for_several_sensors_are_those_of_the_body(
     mounted = Pose3(np.eye(3), np.zeros(3))
     with pytest.raises(InputError, match="one `body_from_sensor`, and scans in the frames la"):
         open_log(path, body_from_sensor=mounted, **how)
+
+
+def test_a_topic_of_poses_that_does_not_name_its_body(ros: Messages, tmp_path: Path) -> None:
+    said = [each for each in drive(ros) if each[0] != "/tf"]
+    said[0][2].transforms[0].header.frame_id = "base_link"
+    for k in range(20):
+        now = START + k * SECOND // 10
+        said.append(("/pose", now, ros.odometry(now, "map", "", (0.1 * k, 0.0, 0.0), 0.0)))
+    path = ros.write(tmp_path / "run", said)
+    note = open_log(path).notes[-1]
+    assert note.code == "extrinsics.missing"
+    assert note.endswith(
+        "('0.2 0 0.3 0 0 0 1', as transforms put it, if the poses are those of base_link)"
+    )
+    with pytest.raises(InputError, match="the poses are given, and in one frame: leave `frame` ou"):
+        open_log(path, poses="/pose", frame="map")

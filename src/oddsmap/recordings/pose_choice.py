@@ -54,6 +54,11 @@ def choose_poses(
             f"{recording.path}: one `body_from_sensor`, and scans in the frames "
             f"{' and '.join(sorted(sensors)[:4])}: map them one by one (--scans, scans=)"
         )
+    if choices.frame is not None and stated not in (None, "tf"):
+        raise InputError(
+            f"{recording.path}: the poses are given, and in one frame: leave `frame` out, or say "
+            "--poses tf (poses=)"
+        )
     if isinstance(stated, Trajectory):
         return _poses_of_file(stated, tree, sensors, choices, notes), notes
     if stated in (None, "tf") and not (in_map := [name for name in sensors if _is_of_map(name)]):
@@ -93,6 +98,10 @@ def choose_poses(
         elif mounted is None and name not in tree.reachable(body or ""):
             text = f"nothing says where {name!r} sits on the robot: it is taken to be at its "
             text += "origin; --body-from-sensor says where"
+            if (known := _fixed_on_body(tree, name)) is not None:
+                text += (
+                    f" ({known[1]!r}, as transforms put it, if the poses are those of {known[0]})"
+                )
             notes.append(Note(text, code="extrinsics.missing", severity="warning"))
     return BodyPoses(trajectory, tree, body, mounted, tolerance, frame), notes
 
@@ -121,23 +130,25 @@ def _poses_of_file(
         if name == frame:
             notes.append(_in_the_map(name, shape))
         elif mounted is None and (known := _fixed_on_body(tree, name)) is not None:
-            body, body_from_sensor = known
-            numbers = [*body_from_sensor.translation, *quaternion_xyzw(body_from_sensor.rotation)]
-            words = " ".join(f"{0.0 + round(float(number), 6):g}" for number in numbers)
-            text = f"the poses are taken as those of {name}; if they are those of {body}, say "
-            text += f"--body-from-sensor '{words}', which is where transforms put it"
+            text = f"the poses are taken as those of {name}; if they are those of {known[0]}, say "
+            text += f"--body-from-sensor {known[1]!r}, which is where transforms put it"
             notes.append(Note(text, code="extrinsics.unused", severity="warning"))
     return BodyPoses(stated, tree, None, mounted, choices.tolerance_ns, frame)
 
 
-def _fixed_on_body(tree: TransformTree, sensor: str) -> tuple[str, Pose3] | None:
-    """Where transforms put a sensor on the body, where that is another place and does not move."""
+def _fixed_on_body(tree: TransformTree, sensor: str) -> tuple[str, str] | None:
+    """The frame of the body and where transforms put a sensor on it, as the command line takes it.
+
+    None where they do not say, where it moves, or where it is the same place.
+    """
     body = body_frame(tree, sensor)
     if body is None or tree.moves_between(body, sensor):
         return None
     pose = TransformPoses(tree, body, 0).at(sensor, 0)
-    here = bool((pose.translation == 0.0).all() and (pose.rotation == np.eye(3)).all())
-    return None if here else (body, pose)
+    if (pose.translation == 0.0).all() and (pose.rotation == np.eye(3)).all():
+        return None
+    numbers = [*pose.translation, *quaternion_xyzw(pose.rotation)]
+    return body, " ".join(f"{0.0 + round(float(number), 6):g}" for number in numbers)
 
 
 def _is_of_map(frame: str) -> bool:
