@@ -186,7 +186,7 @@ def test_a_laser_cannot_be_in_the_frame_of_the_map(ros: Messages, tmp_path: Path
         if topic == "/points":
             said[k] = ("/scan", now, ros.laser(now, message.header.frame_id, [2.0, 3.0]))
     log = open_log(ros.write(tmp_path / "run", said))
-    assert [note.code for note in log.notes] == ["pose.topic", "scan.in_map"]
+    assert [note.code for note in log.notes] == ["pose.topic", "laser.in_map"]
     assert [scan.map_from_sensor.translation[0] for scan in log] == [0.0, 0.5, 1.0, 1.5, 2.0]
 
 

@@ -162,7 +162,7 @@ def _in_the_map(frame: str, shape: str) -> Note:
         return Note(text, code="cloud.in_map", severity="warning")
     text = f"the scans say that they are in {frame}, the frame of the map, which cannot be: they "
     text += "are taken from the poses, as if the sensor were at the body's origin"
-    return Note(text, code="scan.in_map", severity="warning")
+    return Note(text, code="laser.in_map", severity="warning")
 
 
 def _nearly(tree: TransformTree, sensor: str) -> str:

@@ -129,7 +129,7 @@ class RecordedLog:
                 f"{len(self._leaning)} scans lean by more than {math.degrees(_LEANS):g} degrees, "
             )
             text += f"up to {most:.3g}: they are mapped as if they were level"
-            found.append(Note(text, code="scan.leans", severity="warning"))
+            found.append(Note(text, code="laser.leans_at_times", severity="warning"))
         if self._first:
             count = sum(self._skipped.values())
             text = f"{count} scans were skipped, the first: {self._first[0]}"
