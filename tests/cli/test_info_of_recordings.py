@@ -60,10 +60,8 @@ def with_an_image_without_intrinsics(ros: Messages) -> list[Said]:
 
 # What the command has to say beside the recording, the resolution and the output.
 MADE: dict[str, tuple[Callable[[Messages], list[Said]], str]] = {
-    "one laser": (drive, ""),
     "two lasers": (two_lasers, "--scans /rear"),
     "frames": (with_rival_frames, "--frame map_truth"),
-    "odometry": (lambda ros: by_odometry(ros, ("/odom",)), ""),
     "odometries": (lambda ros: by_odometry(ros, ("/a", "/b")), "--poses /a"),
     "sonars": (ring, "--scans /sonar/front --scans /sonar/left --scans /sonar/right"),
     "sonars of one topic": (lambda ros: ring(ros, one_topic=True), ""),

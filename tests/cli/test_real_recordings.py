@@ -17,7 +17,7 @@ pytestmark = pytest.mark.realdata
 GUARDIAN, PALETTE = "ros1/guardian_3.bag", "ros1/palette_facing_windows.bag"
 JARVIS = "ros1/jarvis_complex_path_fast.bag"
 
-# Recording, topic (none: it has one), scans used, dimensions; measured. Slow: bzip2.
+# Recording, topic (none: it has one), scans used, dimensions; measured.
 MAPPED = [
     ("turtlebot3_gazebo.bag", None, 457, 2),
     ("ros1/tilt_laser.bag", None, 178, 3),
@@ -43,10 +43,10 @@ def test_with_no_option_but_a_topic(
 @pytest.mark.parametrize(
     "name",
     [
-        "turtlebot3_gazebo.bag",
         "la3dm_sim_structured.bag",
+        pytest.param("turtlebot3_gazebo.bag", marks=pytest.mark.slow),
         pytest.param("ros2/all_types_mcap", marks=pytest.mark.slow),
-        "ros1/tilt_laser.bag",
+        pytest.param("ros1/tilt_laser.bag", marks=pytest.mark.slow),
         pytest.param(JARVIS, marks=pytest.mark.slow),
         pytest.param(GUARDIAN, marks=pytest.mark.slow),
         pytest.param(PALETTE, marks=pytest.mark.slow),

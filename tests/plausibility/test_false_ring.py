@@ -111,14 +111,21 @@ def test_good_recordings(name: str, topic: str, frame: str | None, data_folder: 
 
 @pytest.mark.realdata
 @pytest.mark.parametrize(
-    "name", ["turtlebot3_gazebo.bag", "la3dm_sim_structured.bag", "ros1/tilt_laser.bag"]
+    "name",
+    [
+        "la3dm_sim_structured.bag",
+        "ros1/tilt_laser.bag",
+        pytest.param("turtlebot3_gazebo.bag", marks=pytest.mark.slow),
+    ],
 )
 def test_other_good_recordings(name: str, data_folder: Path) -> None:
     assert named(oddsmap.open_log(data_folder / "ros" / name), None) == []
 
 
 @pytest.mark.realdata
-@pytest.mark.parametrize("topic", ["/base_scan", "/tilt_scan"])
+@pytest.mark.parametrize(
+    "topic", ["/tilt_scan", pytest.param("/base_scan", marks=pytest.mark.slow)]
+)
 def test_a_simulated_recording_with_noise(topic: str, data_folder: Path) -> None:
     path = data_folder / "ros" / "ros1" / f"{SIMULATED}.bag"
     scans = list(oddsmap.open_log(path, scans=topic, frame="odom"))
