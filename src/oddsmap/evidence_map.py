@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.forgetting import last_stamp
-from oddsmap.scans.log import Log
+from oddsmap.scans.log import Log, parts_of
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.registry import Sensor, agreeing, sensor_of_log
 
@@ -152,6 +152,8 @@ def build_map(
     if half_life is not None and t_ref_ns is None:
         log = list(log) if isinstance(log, Iterator) else log
         t_ref_ns = last_stamp(log)
+    # Sensors that state different things are one model each; whoever gives the sensor has decided.
+    log, *others = parts_of(log) if sensor is None else [log]
     scans = iter(log)
     first = next(scans, None)
     ahead = scans if first is None else chain([first], scans)
@@ -167,7 +169,18 @@ def build_map(
     evidence.report = add_log(
         evidence, log, scans=ahead, method=method, threads=threads, progress=progress
     )
+    for part in others:
+        report = add_log(
+            evidence, part, sensor=sensor_of_log(part), method=method, threads=threads,
+            progress=None if progress is None else _from(evidence.report.scans, progress),
+        )  # fmt: skip
+        evidence.report.include(report)
     return evidence
+
+
+def _from(before: int, progress: Callable[[int], None]) -> Callable[[int], None]:
+    """Progress that goes on where another log ended."""
+    return lambda done: progress(before + done)
 
 
 def load_map(

@@ -16,7 +16,9 @@ import oddsmap
 from oddsmap.cli.app import app
 from tests.cli.conftest import Run
 
-COMMANDS = ("build", "export", "info", "doctor", "config", "calibrate", "score", "landmarks", "demo")
+COMMANDS = (
+    "build", "export", "info", "doctor", "config", "calibrate", "score", "landmarks", "demo"
+)  # fmt: skip
 CALLBACKS = {c.callback.__name__: c.callback for c in app.registered_commands if c.callback}
 OF_SETTINGS = ("build", "calibrate", "score")
 ROOT = Path(__file__).resolve().parents[2]

@@ -104,6 +104,78 @@ class Messages:
         shape = (False, size, width * size, content, True)
         return self.make("sensor_msgs/PointCloud2", header, rows, width, fields, *shape)
 
+    def range(
+        self,
+        stamp_ns: int,
+        frame: str,
+        reading: float,
+        *,
+        angle: float = 0.5,
+        limits: tuple[float, float] = (0.1, 4.0),
+    ) -> Any:
+        """A reading of a sonar."""
+        header = self.header(stamp_ns, frame)
+        variance = () if self.first else (0.0,)
+        return self.make("sensor_msgs/Range", header, 0, angle, *limits, reading, *variance)
+
+    def image(
+        self,
+        stamp_ns: int,
+        frame: str,
+        pixels: npt.NDArray[Any],
+        encoding: str,
+        *,
+        padding: int = 0,
+    ) -> Any:
+        """An image, each of its rows followed by some bytes."""
+        height, width = pixels.shape[:2]
+        rows = pixels.reshape(height, -1).view(np.uint8)
+        rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
+        big = int(pixels.dtype.str.startswith(">"))
+        values = (height, width, encoding, big, rows.shape[1], rows.reshape(-1))
+        return self.make("sensor_msgs/Image", self.header(stamp_ns, frame), *values)
+
+    def camera(
+        self,
+        stamp_ns: int,
+        frame: str,
+        size: tuple[int, int],
+        k: tuple[float, float, float, float],
+        *,
+        p: tuple[float, float, float, float] | None = None,
+        distortion: Iterable[float] = (),
+    ) -> Any:
+        """Intrinsics: width and height, then fx, fy, cx and cy of K and of P."""
+        fx, fy, cx, cy = k
+        of_k = np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1.0])
+        fx, fy, cx, cy = p or k
+        of_p = np.array([fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1.0, 0])
+        d = np.array(list(distortion), np.float64)
+        roi = self.make("sensor_msgs/RegionOfInterest", 0, 0, 0, 0, False)
+        values = (size[1], size[0], "plumb_bob", d, of_k, np.eye(3).ravel(), of_p, 0, 0, roi)
+        return self.make("sensor_msgs/CameraInfo", self.header(stamp_ns, frame), *values)
+
+    def livox(
+        self, stamp_ns: int, frame: str, points: npt.NDArray[np.float64], offsets: Iterable[int]
+    ) -> Any:
+        """Points of Livox's driver, with times after the stamp [ns]."""
+        package = "livox_ros_driver" if self.first else "livox_ros_driver2"
+        kind = f"{package}/msg/CustomMsg"
+        if kind not in self.store.types:
+            words = "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\n"
+            point = get_types_from_msg(
+                f"{words}uint8 tag\nuint8 line", f"{package}/msg/CustomPoint"
+            )
+            words = "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\n"
+            words += "uint8[3] rsvd\nCustomPoint[] points"
+            self.store.register(point | get_types_from_msg(words, kind))
+        rows = [
+            self.make(f"{package}/CustomPoint", int(late), *map(float, point), 10, 0, 0)
+            for point, late in zip(points, offsets, strict=True)
+        ]
+        rest = (stamp_ns, len(rows), 0, np.zeros(3, np.uint8), rows)
+        return self.make(f"{package}/CustomMsg", self.header(stamp_ns, frame), *rest)
+
     def write(self, path: Path, said: Iterable[Said]) -> Path:
         """A recording of messages, in the order given."""
         if self.first:

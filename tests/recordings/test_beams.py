@@ -8,7 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from oddsmap.errors import InputError
-from oddsmap.recordings.beams import beams_of
+from oddsmap.recordings.scan_messages import beams_of
 from tests.recordings.bags import Messages
 
 STAMP = 1_700_000_000_123_456_789
@@ -109,3 +109,15 @@ def test_a_laser_whose_angles_are_no_numbers(ros: Messages) -> None:
     message.angle_min = float("nan")
     with pytest.raises(InputError, match="a laser of 2 beams from nan"):
         beams_of(LASER, message)
+
+
+@pytest.mark.parametrize(("count", "doubted"), [(10, False), (11, False), (20, True), (5, True)])
+def test_a_laser_of_another_number_of_beams_than_its_angles(
+    count: int, doubted: bool, ros: Messages
+) -> None:
+    message = ros.laser(STAMP, "laser", np.ones(count))
+    message.angle_max = 1.0
+    notes = beams_of(LASER, message).notes
+    assert [note.code for note in notes] == ["laser.angles"] * doubted
+    if count == 20:
+        assert notes[0].startswith("a scan has 20 beams, and 11 by its angles: they are taken in ")

@@ -56,7 +56,8 @@ def doubt_of_sensor(log: Log, sensor: Sensor, layers: SettingLayers) -> Note | N
     """A doubt where a log's beams are not as wide as predicted, and nobody requested that."""
     from oddsmap.sensors.registry import stated_of_sensor
 
-    requested, stated = layers.fields("sensor"), stated_of_sensor(log)
+    requested = layers.fields("sensor")
+    stated = stated_of_sensor(log, decided=requested)
     theirs, ours = stated.get("cone_deg", 0.0), getattr(sensor, "cone_deg", 0.0)
     if stated["kind"] == sensor.kind:
         narrow, wide = sorted((theirs, ours))

@@ -63,7 +63,9 @@ def info(
     facts = _facts(path, options, quiet=voice.still)
     voice.facts(facts)
     for line in _lines(facts, all_settings=verbose):
-        voice.say(fitted(line, screen_width()))
+        # A command stays one line, so that it can be copied.
+        command = line.startswith("map it")
+        voice.say(line if command else fitted(line, screen_width()))
 
 
 def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any]:
@@ -131,7 +133,10 @@ def _texts(name: str, value: Any, *, all_settings: bool) -> list[str]:
 def _topic(name: str, said: dict[str, Any]) -> str:
     """A topic of a recording: its name, how many messages of which type, and how often."""
     rate = f", {_word(said['hz'])} per second" if "hz" in said else ""
-    return f"{name}: {_word(said['count'])} x {said['type']}{rate}"
+    frames = said.get("frames", [])
+    more = f" and {len(frames) - 4} more" if len(frames) > 4 else ""
+    frames = f", in {', '.join(frames[:4])}{more}" if frames else ""
+    return f"{name}: {_word(said['count'])} x {said['type']}{rate}{frames}"
 
 
 def _settings(config: dict[str, Any], *, all_settings: bool) -> list[str]:

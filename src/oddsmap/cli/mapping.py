@@ -49,10 +49,7 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
                 threads=plan.threads,
                 progress=advance(),
             )
-            total.add(report.scans, report.beams, report.skipped)
-            total.integrate_s += report.integrate_s
-            total.compile_s += report.compile_s
-            total.read_s += report.read_s
+            total.include(report)
     _note_held_out(evidence.provenance, opened.logs)
     with working(f"saving {plan.output.name}", quiet=plan.quiet):
         evidence.save(plan.output, force=plan.force)

@@ -50,8 +50,10 @@ def open_logs(plan: BuildPlan) -> OpenedLogs:
     Raises:
         OddsmapError: a log cannot be read, or does not fit the plan or the other logs.
     """
+    from oddsmap.scans.log import parts_of
+
     started = time.perf_counter()
-    logs = [plan.log_options.open(path) for path in plan.logs]
+    logs = [part for path in plan.logs for part in parts_of(plan.log_options.open(path))]
     read_s = time.perf_counter() - started
     for log in logs:
         check_width(log, plan.settings.sensor)

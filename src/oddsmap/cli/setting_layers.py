@@ -76,7 +76,8 @@ class SettingLayers:
         kind = self.sensor_kind()
         # The first reading tells the kind where nobody does.
         first = None if kind is not None else next(iter(log), None)
-        return resolve(("log", {"sensor": stated_of_sensor(log, kind, first=first)}), *self.layers)
+        stated = stated_of_sensor(log, kind, first=first, decided=self.fields("sensor"))
+        return resolve(("log", {"sensor": stated}), *self.layers)
 
     def resolve_above(self, stored: Config, log: Log) -> Config:
         """The configuration stored with a map, and the layers above.
@@ -85,8 +86,9 @@ class SettingLayers:
             ConfigError: a field is unknown, or its value is not possible.
         """
         from oddsmap.config.config import resolve
-        from oddsmap.sensors.registry import stated_of_sensor
+        from oddsmap.sensors.registry import check_agreement, stated_of_sensor
 
+        check_agreement(log, self.fields("sensor"))
         base, kind = stored.to_dict(), self.sensor_kind()
         if kind is not None and kind != stored.sensor.kind:
             base["sensor"] = stated_of_sensor(log, kind)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from oddsmap.plausibility.agreement import doubts_of_poses
+from oddsmap.plausibility.false_ring import doubts_of_no_returns
 from oddsmap.plausibility.range_unit import doubts_of_ranges
 from oddsmap.plausibility.sample import Sample, sample_of
 from oddsmap.plausibility.upright import doubts_of_upright
@@ -52,6 +53,7 @@ def doubts_of_sample(sample: Sample) -> tuple[Note, ...]:
             *doubts_of_ranges(glances),
             *doubts_of_poses(sample.pairs()),
             *doubts_of_upright(glances),
+            *doubts_of_no_returns(glances, sample.range_max),
         ]
     return tuple({note.code: note for note in reversed(found)}.values())[::-1]
 

@@ -40,7 +40,7 @@ def open_recorded(name: str, options: ReadOptions) -> RecordedLog:
     Raises:
         InputError: it cannot be read, or what is to be mapped is not clear.
     """
-    options.refuse(name, "a recording", "times", "camera", "points_in", "columns", "depth_scale")
+    options.refuse(name, "a recording", "times", "points_in", "columns")
     recording = open_ros_recording(name, skip_bad=options.skip_bad)
     tolerance = _TOLERANCE_S if options.tolerance_s is None else options.tolerance_s
     choices = Choices(
@@ -51,6 +51,8 @@ def open_recorded(name: str, options: ReadOptions) -> RecordedLog:
         tolerance_ns=round(tolerance * 1e9),
         clock_offset_ns=round(options.clock_offset_s * 1e9),
         skip_bad=options.skip_bad,
+        camera=options.camera,
+        units_per_metre=options.depth_scale,
     )
     return log_of(recording, choices)
 

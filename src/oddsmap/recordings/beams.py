@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What one message of a range sensor says: beams in the frame of the sensor."""
+"""What one message of a range sensor says, in the frame of the sensor; lasers and clouds."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -14,9 +15,10 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
-from oddsmap.recordings.recording import shape_of, stamp_of
+from oddsmap.recordings.recording import stamp_of
+from oddsmap.scans.note import Note
 
-__all__ = ["SCAN_TYPES", "Beams", "beams_of"]
+__all__ = ["LASERS_AND_CLOUDS", "Beams", "shortest"]
 
 # A laser of more beams than a turn has seconds of arc is a damaged message.
 _MAX_BEAMS = 360 * 3600
@@ -24,7 +26,7 @@ _MAX_BEAMS = 360 * 3600
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beams:
-    """One scan, in the frame of its sensor: ranges along directions, or points.
+    """One scan, in the frame of its sensor: ranges along directions, points, or an image.
 
     Args:
         frame: the name of that frame, without a leading slash.
@@ -32,10 +34,13 @@ class Beams:
         directions: unit vectors, shape (n, 3).
         ranges: readings [m], shape (n,).
         points: in place of these, the ends of the beams [m], shape (n, 3).
+        depth: in place of these, an image of the depth along z [m], shape (h, w).
         after_ns: time of each beam after the stamp [ns], shape (n,); None where it is not known.
         settings: what the message states about its sensor, by the names of the configuration.
         frame_from_sensor: where the sensor is in the frame, where the message has a pose of its
             own: beams start there, and directions and points are in its axes.
+        part: which of several sensors on one topic it is.
+        notes: what to know about such messages.
     """
 
     frame: str
@@ -43,25 +48,12 @@ class Beams:
     directions: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     ranges: FloatArray = field(default_factory=lambda: np.empty(0))
     points: FloatArray | None = None
+    depth: npt.NDArray[np.float32] | None = None
     after_ns: npt.NDArray[np.int64] | None = None
     settings: Mapping[str, float] = field(default_factory=dict)
     frame_from_sensor: Pose3 | None = None
-
-
-def beams_of(kind: str, data: Any) -> Beams:
-    """The beams of a message.
-
-    Args:
-        kind: its type, one of `SCAN_TYPES`.
-        data: the message.
-
-    Raises:
-        InputError: it makes no sense.
-    """
-    with shape_of(kind):
-        beams = SCAN_TYPES[kind](data)
-    own = getattr(data, "frame_from_sensor", None)
-    return beams if own is None else replace(beams, frame_from_sensor=own)
+    part: str = ""
+    notes: tuple[Note, ...] = ()
 
 
 def _laser_scan(data: Any) -> Beams:
@@ -78,6 +70,13 @@ def _laser(data: Any, ranges: FloatArray) -> Beams:
     start, step = float(data.angle_min), float(data.angle_increment)
     if len(ranges) > _MAX_BEAMS or not (np.isfinite(start) and np.isfinite(step)):
         raise InputError(f"a laser of {len(ranges)} beams from {start:g} in steps of {step:g} rad")
+    notes = []
+    # One beam more or less is how drivers count.
+    said = (float(data.angle_max) - start) / step + 1.0 if step else math.nan
+    if len(ranges) and not abs(said - len(ranges)) <= 2.5:
+        text = f"a scan has {len(ranges)} beams, and {said:.6g} by its angles: they are taken in "
+        text += f"steps of {step:.4g} rad from {start:.4g}"
+        notes.append(Note(text, code="laser.angles", severity="warning"))
     every = float(data.time_increment)
     after = None
     if 0.0 < every * len(ranges) < 10.0:
@@ -86,7 +85,7 @@ def _laser(data: Any, ranges: FloatArray) -> Beams:
     for name in ("range_min", "range_max"):
         value = float(getattr(data, name))
         if np.isfinite(value) and value > 0.0:
-            settings[name] = _shortest(value)
+            settings[name] = shortest(value)
     return Beams(
         frame=data.header.frame_id.lstrip("/"),
         stamp_ns=stamp_of(data.header),
@@ -94,10 +93,11 @@ def _laser(data: Any, ranges: FloatArray) -> Beams:
         ranges=ranges,
         after_ns=after,
         settings=settings,
+        notes=tuple(notes),
     )
 
 
-def _shortest(value: float) -> float:
+def shortest(value: float) -> float:
     """A float of 4 bytes as people wrote it: 5.6, not 5.599999904632568."""
     return float(str(np.float32(value)))
 
@@ -182,9 +182,9 @@ def _after_stamp(times: npt.NDArray[Any], stamp_ns: int) -> npt.NDArray[np.int64
     return None
 
 
-SCAN_TYPES = {
+LASERS_AND_CLOUDS = {
     "sensor_msgs/LaserScan": _laser_scan,
     "sensor_msgs/MultiEchoLaserScan": _multi_echo,
     "sensor_msgs/PointCloud2": _point_cloud,
 }
-"""Messages that are scans, and what reads each."""
+"""Their types, and what reads each."""

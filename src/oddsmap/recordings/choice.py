@@ -9,22 +9,40 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from oddsmap.errors import InputError
-from oddsmap.recordings.beams import SCAN_TYPES
+from oddsmap.recordings.depth_messages import DEPTH_ENCODINGS
 from oddsmap.recordings.poses import POSE_TYPES
-from oddsmap.recordings.recording import Recording, Topic
+from oddsmap.recordings.recording import Recording, Topic, shape_of
+from oddsmap.recordings.scan_messages import IMAGE, SCAN_TYPES
 from oddsmap.recordings.transforms import TransformTree
 
-__all__ = ["choose_frame", "choose_scans", "map_frames", "pose_topics", "scan_topics"]
+__all__ = ["body_frame", "choose_frame", "choose_scans", "map_frames", "pose_topics", "scan_topics"]
 
 # Frames that a map is in by the conventions of ROS (REP 105), the best first.
 _MAP_NAMES = ("map", "world", "odom")
+# What the body that carries the sensors is called by them, the best first.
+_BODY_NAMES = ("base_link", "base_footprint", "base")
 
 
 def scan_topics(recording: Recording) -> list[Topic]:
-    """Topics of scans."""
-    return [
+    """Topics of scans; of images those of depth, which their first message tells.
+
+    Raises:
+        InputError: the recording is damaged there.
+    """
+    found = [
         each for each in recording.topics.values() if each.type in SCAN_TYPES and not each.problem
     ]
+    return [topic for topic in found if topic.type != IMAGE or _is_of_depth(recording, topic)]
+
+
+def _is_of_depth(recording: Recording, topic: Topic) -> bool:
+    if topic.count == 0:
+        return False
+    first = next(iter(recording.messages([topic.name])), None)
+    if first is None:
+        return False
+    with shape_of(topic.type):
+        return first.data.encoding in DEPTH_ENCODINGS
 
 
 def pose_topics(recording: Recording) -> list[Topic]:
@@ -45,13 +63,19 @@ def choose_scans(recording: Recording, stated: Sequence[str]) -> list[Topic]:
         if name in recording.topics and (why := recording.topics[name].problem):
             raise InputError(f"{recording.path}: {name} cannot be read: {why}")
         if name not in found:
+            topic = recording.topics.get(name)
+            images = topic is not None and topic.type == IMAGE
+            kinds = f"images without depth (with it they are {', '.join(DEPTH_ENCODINGS)})"
             raise InputError(
-                f"{recording.path}: {name} is no topic of scans: it has {_words(found) or 'none'}"
+                f"{recording.path}: {name} is {f'of {kinds}' if images else 'no topic of scans'}: "
+                f"it has {_words(found) or 'none'}"
             )
     if stated:
         return [found[name] for name in dict.fromkeys(stated)]
     if not found:
-        kinds = ", ".join(kind.rsplit("/", 1)[-1] for kind in SCAN_TYPES)
+        # Livox's two drivers have the same name for theirs; images count where they are of depth.
+        kinds = ", ".join(dict.fromkeys(kind.rsplit("/", 1)[-1] for kind in SCAN_TYPES))
+        kinds = kinds.replace("Image", "Image of depth")
         raise InputError(
             f"{recording.path}: no topic of scans ({kinds}): it has "
             f"{_words(recording.topics) or 'no messages'}"
@@ -62,6 +86,13 @@ def choose_scans(recording: Recording, stated: Sequence[str]) -> list[Topic]:
             "TOPIC (scans=), once for each"
         )
     return list(found.values())
+
+
+def body_frame(tree: TransformTree, sensor: str) -> str | None:
+    """The frame of the body that carries a sensor, one that it is fixed to before others."""
+    names = {frame.rsplit("/", 1)[-1]: frame for frame in tree.reachable(sensor) - {sensor}}
+    bodies = [names[name] for name in _BODY_NAMES if name in names]
+    return min(bodies, key=lambda frame: tree.moves_between(frame, sensor), default=None)
 
 
 def map_frames(tree: TransformTree, sensor: str) -> list[str]:

@@ -17,6 +17,7 @@ from oddsmap.decoding import decoding
 from oddsmap.errors import InputError, shown
 from oddsmap.recordings import foxglove_messages as foxglove
 from oddsmap.recordings.container import Channel
+from oddsmap.recordings.livox_bytes import LIVOX_TYPES, livox_message
 from oddsmap.recordings.protobuf_messages import protobuf_decoder
 
 __all__ = ["Decode", "decoder_of", "type_of", "why_not_read"]
@@ -66,6 +67,8 @@ def decoder_of(path: str, channel: Channel) -> Decode:
     """
     if why := why_not_read(channel):
         raise InputError(f"{path}: {channel.topic}: {why}")
+    if channel.encoding in ("ros1", "cdr") and type_of(channel) in LIVOX_TYPES:
+        return lambda raw: livox_message(bytes(raw), cdr=channel.encoding == "cdr")
     decode = _DECODERS[channel.encoding](path, channel)
     adapt = foxglove.ADAPTERS.get(channel.type.replace("/msg/", "/"))
     if adapt is None:

@@ -3,35 +3,25 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError, Trajectory
-from oddsmap.recordings.beams import Beams, beams_of
-from oddsmap.recordings.choice import choose_frame, choose_scans, pose_topics
-from oddsmap.recordings.poses import (
-    TF_TYPES,
-    BodyPoses,
-    SensorPoses,
-    TransformPoses,
-    add_transforms,
-    read_pose_topic,
-)
+from oddsmap.recordings.choice import choose_scans
+from oddsmap.recordings.pose_choice import PoseChoices, choose_poses
+from oddsmap.recordings.poses import SensorPoses, TransformPoses
 from oddsmap.recordings.recorded_log import RecordedLog, lies_flat
-from oddsmap.recordings.recording import Recording, Topic
-from oddsmap.recordings.transforms import TransformTree
-from oddsmap.scans.log import SensorInfo
+from oddsmap.recordings.recording import Recording
+from oddsmap.recordings.survey import Glance, Survey, cameras_of, said_of, survey
+from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.note import Note
 
 __all__ = ["Choices", "log_of"]
 
-# Scans looked at before mapping: whether the laser leans, whether there are poses.
-_GLANCES = 50
+# The z axis of a body frame stays within 25 degrees of upright, the way a camera looks does not.
+_UPRIGHT = 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -47,6 +37,8 @@ class Choices:
         tolerance_ns: how far the nearest pose or transform may be from a scan [ns].
         clock_offset_ns: added to the stamps of scans to get the time of poses [ns].
         skip_bad: count scans that make no sense, in place of raising.
+        camera: the intrinsics of depth images; by default those in the recording.
+        units_per_metre: of depth images of whole numbers; by default they are millimetres.
     """
 
     scans: Sequence[str] = ()
@@ -56,144 +48,118 @@ class Choices:
     tolerance_ns: int = 100_000_000
     clock_offset_ns: int = 0
     skip_bad: bool = False
+    camera: PinholeCamera | None = None
+    units_per_metre: float | None = None
 
 
-def log_of(recording: Recording, choices: Choices) -> RecordedLog:
+def log_of(recording: Recording, choices: Choices, found: Survey | None = None) -> RecordedLog:
     """The scans of a recording with their poses.
+
+    Args:
+        recording: where they are.
+        choices: what the caller says.
+        found: what has been seen of the recording, where it has been looked at already.
 
     Raises:
         InputError: there is no choice, or more than one; or no scan has a pose.
     """
     topics = choose_scans(recording, choices.scans)
-    tree, glances, sensors = _survey(recording, topics, choices.skip_bad)
-    notes: list[Note] = []
+    if found is None:
+        found = survey(
+            recording,
+            topics,
+            units_per_metre=choices.units_per_metre,
+            skip_bad=choices.skip_bad,
+        )
+    found = found.only(topics)
+    if not found.glances:
+        names = ", ".join(topic.name for topic in topics)
+        why = next((f": {found.bad[t.name]}" for t in topics if t.name in found.bad), "")
+        raise InputError(f"{recording.path}: no scan on {names}{why}")
+    _check_kinds(recording.path, found, choices)
+    cameras, notes = cameras_of(recording.path, found, choices.camera)
+    for topic in topics:
+        notes += [said_of(topic.name, note) for note in found.notes.get(topic.name, ())]
+    glances = found.glances
+    where: SensorPoses
     if choices.poses is None and choices.frame is None and _have_poses(glances):
         frame = glances[0].frame
         notes.append(Note(f"the scans have their poses in the frame {frame}", code="pose.own"))
-        choices = replace(choices, poses="tf", frame=frame)
-    where = _poses(recording, tree, glances[0].frame, choices, notes)
-    seen: list[Pose3] = []
+        where = TransformPoses(found.tree, frame, choices.tolerance_ns)
+    else:
+        said = PoseChoices(
+            choices.poses, choices.frame, choices.body_from_sensor, choices.tolerance_ns
+        )
+        where, of_poses = choose_poses(recording, found.tree, glances, said)
+        notes += of_poses
+    seen: list[tuple[Glance, Pose3]] = []
     missing: NoPoseError | None = None
-    for beams in glances:
+    for glance in glances:
         try:
-            pose = where.at(beams.frame, beams.stamp_ns + choices.clock_offset_ns)
-            seen.append(pose @ (beams.frame_from_sensor or Pose3(np.eye(3), np.zeros(3))))
+            pose = where.at(glance.frame, glance.stamp_ns + choices.clock_offset_ns)
+            pose = pose @ glance.frame_from_sensor if glance.frame_from_sensor else pose
         except NoPoseError as error:
             missing = missing or error
+        else:
+            seen.append((glance, pose))
     if not seen:
         raise InputError(f"{recording.path}: no scan has a pose: {missing}")
-    _note_conflicts(tree, notes)
-    lasers = all(beams.points is None for beams in glances)
-    flat = lasers and all(lies_flat(pose) for pose in seen)
-    if lasers and not flat:
-        notes.append(Note("the laser leans: it is mapped in 3D", code="laser.leans"))
+    notes += [
+        Note(text, code="transform.conflict", severity="warning") for text in found.tree.doubts()
+    ]
+    flat = all(lies_flat(glance.shape, pose) for glance, pose in seen)
+    shapes = {glance.shape for glance in glances}
+    if not flat and shapes <= {"fan", "cone"}:
+        which = "laser leans" if "fan" in shapes else "sensor points up or down"
+        notes.append(Note(f"the {which}: it is mapped in 3D", code="laser.leans"))
+    _note_optical(seen, notes)
     return RecordedLog(
         recording=recording,
         topics=topics,
         poses=where,
         ndim=2 if flat else 3,
-        sensors=sensors,
+        sensors=found.sensors,
+        cameras=cameras,
+        units_per_metre=choices.units_per_metre,
         opening_notes=tuple(notes),
         clock_offset_ns=choices.clock_offset_ns,
         skip_bad=choices.skip_bad,
     )
 
 
-def _have_poses(glances: Sequence[Beams]) -> bool:
+def _have_poses(glances: Sequence[Glance]) -> bool:
     """Whether each scan has a pose of its own in one frame, and these change: it is the map's."""
-    own = [beams.frame_from_sensor for beams in glances]
+    own = [glance.frame_from_sensor for glance in glances]
     # At the origin it is the same as none.
     places = {(0.0, 0.0, 0.0) if pose is None else tuple(pose.translation) for pose in own}
-    return len(places) > 1 and len({beams.frame for beams in glances}) == 1
+    return len(places) > 1 and len({glance.frame for glance in glances}) == 1
 
 
-def _survey(
-    recording: Recording, topics: Sequence[Topic], skip_bad: bool
-) -> tuple[TransformTree, list[Beams], dict[str, SensorInfo]]:
-    """One pass over a recording: all transforms, some scans, and what these state.
-
-    Raises:
-        InputError: there is no scan.
-    """
-    tree, seen = TransformTree(recording.path), Counter[str]()
-    kinds = {topic.name: topic.type for topic in topics}
-    every = {topic.name: max(1, (topic.count or 0) // _GLANCES) for topic in topics}
-    others = [topic.name for topic in recording.topics.values() if topic.type in TF_TYPES]
-    found: list[Beams] = []
-    sensors: dict[str, SensorInfo] = {}
-    for message in recording.messages([*kinds, *others]):
-        name = message.topic
-        if name not in kinds:
-            add_transforms(tree, message)
-            continue
-        if seen[name] % every[name] == 0:
-            try:
-                beams = beams_of(kinds[name], message.data)
-            except InputError as error:
-                if skip_bad:  # counted when it is read
-                    continue
-                raise InputError(f"{recording.path}: {name}: {error}") from None
-            sensors.setdefault(name, SensorInfo(beams.settings))
-            found.append(beams)
-        seen[name] += 1
-    if not found:
-        raise InputError(f"{recording.path}: no scan on {', '.join(kinds)}")
-    return tree, found, sensors
-
-
-def _poses(
-    recording: Recording, tree: TransformTree, sensor: str, choices: Choices, notes: list[Note]
-) -> SensorPoses:
-    """Where the sensor was, as the caller says, or by what there is."""
-    stated, mounted, tolerance = choices.poses, choices.body_from_sensor, choices.tolerance_ns
-    if isinstance(stated, Trajectory):
-        return BodyPoses(stated, tree, None, mounted, tolerance)
-    if stated in (None, "tf"):
-        frame = choose_frame(tree, sensor, choices.frame)
-        if frame is not None:
-            if frame == "odom":
-                text = "the map is in the frame odom: poses are odometry, which drifts"
-                notes.append(Note(text, code="pose.odometry", severity="warning"))
-            return TransformPoses(tree, frame, tolerance)
-        if stated == "tf":
-            raise InputError(
-                f"{recording.path}: no transform that moves leads to {sensor!r}: give poses with "
-                "--poses TOPIC or FILE (poses=)"
-            )
-    topic = _only_pose_topic(recording, sensor, stated)
-    trajectory, frame, body = read_pose_topic(recording, topic)
-    notes.append(Note(f"poses are those of {topic}", code="pose.topic"))
-    if sensor == frame:
-        text = f"the points are in the frame of the map, {frame}: rays start at the poses"
-        notes.append(Note(text, code="cloud.in_map", severity="warning"))
-    elif mounted is None and sensor not in tree.reachable(body or ""):
-        text = f"nothing says where {sensor!r} sits on the robot: it is taken to be at its origin; "
-        text += "--body-from-sensor says where"
-        notes.append(Note(text, code="extrinsics.missing", severity="warning"))
-    return BodyPoses(trajectory, tree, body, mounted, tolerance, frame)
-
-
-def _only_pose_topic(recording: Recording, sensor: str, stated: str | None) -> str:
-    names = [topic.name for topic in pose_topics(recording)]
-    if stated is not None:
-        if stated not in names:
-            raise InputError(
-                f"{recording.path}: {stated} is no topic of poses: "
-                f"it has {', '.join(names) or 'none'}"
-            )
-        return stated
-    if len(names) != 1:
-        there = f"several topics have poses, {', '.join(names)}" if names else "no topic has poses"
+def _check_kinds(path: str, found: Survey, choices: Choices) -> None:
+    """Refuse what does not make one map, and what is stated of no use."""
+    cones = [name for name, info in found.sensors.items() if "cone_deg" in info.settings]
+    if cones and len(cones) < len(found.sensors):
+        rays = next(name for name in found.sensors if name not in cones)
         raise InputError(
-            f"{recording.path}: no transforms lead to {sensor!r}, and {there}: "
-            "give poses with --poses TOPIC or FILE (poses=)"
+            f"{path}: {cones[0]} has wide beams, {rays} has not, and one map takes one kind: map "
+            "them one by one (--scans TOPIC, scans=)"
         )
-    return names[0]
+    for name, stated in (("camera", choices.camera), ("depth_scale", choices.units_per_metre)):
+        if stated is not None and not found.images:
+            raise InputError(
+                f"{path}: what is mapped holds no depth images: leave `{name}` out for this log"
+            )
 
 
-def _note_conflicts(tree: TransformTree, notes: list[Note]) -> None:
-    for (parent, child), count in tree.conflicts.items():
-        if count:
-            text = f"{count} transforms {parent} to {child} differ from another of the same stamp: "
-            text += "the first of each counts"
-            notes.append(Note(text, code="transform.conflict", severity="warning"))
+def _note_optical(seen: Sequence[tuple[Glance, Pose3]], notes: list[Note]) -> None:
+    """A doubt where images are in a frame that is not called optical."""
+    for topic in dict.fromkeys(glance.topic for glance, _ in seen if glance.shape == "image"):
+        own = [(glance.frame, pose) for glance, pose in seen if glance.topic == topic]
+        frame = own[0][0]
+        if "optical" in frame:
+            continue
+        text = f"{topic} is in the frame {frame}, which is not called optical: its z axis is taken "
+        text += "as the way the camera looks"
+        if all(pose.rotation[2, 2] > _UPRIGHT for _, pose in own):
+            text += ", and it points up in the map: is that the frame of the camera's body?"
+        notes.append(Note(text, code="camera.not_optical", severity="warning"))

@@ -99,7 +99,8 @@ class BodyPoses:
         pose = self.trajectory.at(stamp_ns, self.tolerance_ns)
         if self.body_from_sensor is not None:
             return pose @ self.body_from_sensor
-        if self.body is None or frame not in self.tree.reachable(self.body):
+        # What is in the frame of the map itself was seen from the body.
+        if self.body is None or frame == self.frame or frame not in self.tree.reachable(self.body):
             return pose
         return pose @ TransformPoses(self.tree, self.body, self.tolerance_ns).at(frame, stamp_ns)
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +15,12 @@ from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.poses.trajectory import NoPoseError
-from oddsmap.recordings.beams import Beams, beams_of
+from oddsmap.recordings.beams import Beams
 from oddsmap.recordings.poses import SensorPoses
 from oddsmap.recordings.recording import TRUNCATED, Recording, Topic
+from oddsmap.recordings.scan_messages import beams_of
+from oddsmap.recordings.survey import form_of, sensor_id
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -24,12 +28,25 @@ from oddsmap.scans.scan import Scan
 __all__ = ["RecordedLog", "lies_flat"]
 
 # A laser whose plane leans by more than this sees other walls than a map of the plane has.
-_FLAT = math.cos(math.radians(3.0))
+_LEANS = math.radians(3.0)
 
 
-def lies_flat(map_from_sensor: Pose3) -> bool:
-    """Whether a laser scans the plane of the map, upright or overhead."""
-    return bool(abs(map_from_sensor.rotation[2, 2]) >= _FLAT)
+def lies_flat(shape: str, map_from_sensor: Pose3) -> bool:
+    """Whether a scan lies in the plane of the map, upright or overhead.
+
+    Args:
+        shape: of the scan, see `Glance`.
+        map_from_sensor: where its sensor was.
+    """
+    return shape in ("fan", "cone") and _lean(shape, map_from_sensor) <= math.sin(_LEANS)
+
+
+def _lean(shape: str, map_from_sensor: Pose3) -> float:
+    """The sine of the angle by which a scan leans out of the plane of the map."""
+    turned = map_from_sensor.rotation
+    if shape == "cone":  # whatever way up it is
+        return abs(float(turned[2, 0]))
+    return math.hypot(float(turned[2, 0]), float(turned[2, 1]))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -41,10 +58,15 @@ class RecordedLog:
         topics: the topics of scans.
         poses: where the sensor was.
         ndim: 2 for scans of the plane, else 3.
-        sensors: what is stated about each sensor, by topic.
+        sensors: what is stated about each sensor, by topic, and frame where several share it.
+        cameras: the intrinsics of each topic of images.
+        units_per_metre: of images of whole numbers; by default they are millimetres.
         opening_notes: what to know before anything is read.
         clock_offset_ns: added to the stamps of scans to get the time of poses [ns].
         skip_bad: skip scans that make no sense and count them, in place of raising.
+        continues: another part says what is wrong with the recording.
+        others: sensors on the same topics that are left out.
+        silent: topics whose unreadable scans another part counts.
     """
 
     recording: Recording
@@ -52,11 +74,18 @@ class RecordedLog:
     poses: SensorPoses
     ndim: int
     sensors: Mapping[str, SensorInfo]
+    cameras: Mapping[str, PinholeCamera] = field(default_factory=dict)
+    units_per_metre: float | None = None
     opening_notes: tuple[Note, ...] = ()
     clock_offset_ns: int = 0
     skip_bad: bool = False
+    continues: bool = False
+    others: frozenset[str] = frozenset()
+    silent: frozenset[str] = frozenset()
     _skipped: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _first: list[str] = field(default_factory=list, init=False, repr=False)
+    _restated: Counter[str] = field(default_factory=Counter, init=False, repr=False)
+    _leaning: list[float] = field(default_factory=list, init=False, repr=False)
 
     @property
     def path(self) -> str:
@@ -87,20 +116,65 @@ class RecordedLog:
     @property
     def skipped(self) -> Counter[str]:
         """Scans that could not be used, by reason, as far as the log has been read."""
-        lost = sum(each.messages or 1 for each in self.recording.damage)
+        lost = 0 if self.continues else sum(each.messages or 1 for each in self.recording.damage)
         return self._skipped + Counter({TRUNCATED: lost})
 
     @property
     def notes(self) -> tuple[Note, ...]:
         """What to know about this log."""
-        notes = [
-            Note(str(each), code=TRUNCATED, severity="warning") for each in self.recording.damage
-        ]
+        found = list(self.opening_notes)
+        if not self.continues:
+            found += [
+                Note(str(each), code=TRUNCATED, severity="warning")
+                for each in self.recording.damage
+            ]
+        for sensor, count in self._restated.items():
+            text = f"{count} scans of {sensor} state other limits than its first one, which count"
+            found.append(Note(text, code="sensor.restated", severity="warning"))
+        if self._leaning:
+            most = math.degrees(math.asin(min(1.0, max(self._leaning))))
+            text = (
+                f"{len(self._leaning)} scans lean by more than {math.degrees(_LEANS):g} degrees, "
+            )
+            text += f"up to {most:.3g}: they are mapped as if they were level"
+            found.append(Note(text, code="laser.leans_at_times", severity="warning"))
         if self._first:
             count = sum(self._skipped.values())
             text = f"{count} scans were skipped, the first: {self._first[0]}"
-            notes.append(Note(text, code="log.bad_scans", severity="warning"))
-        return (*self.opening_notes, *notes)
+            found.append(Note(text, code="log.bad_scans", severity="warning"))
+        return tuple(found)
+
+    def parts(self) -> list[RecordedLog]:
+        """The log, or where its sensors state different things one for those that agree."""
+        groups: dict[tuple[tuple[str, float], ...], set[str]] = {}
+        for sensor, info in self.sensors.items():
+            groups.setdefault(tuple(sorted(info.settings.items())), set()).add(sensor)
+        if len(groups) == 1:
+            return [self]
+        parts: list[RecordedLog] = []
+        counted: set[str] = set()
+        for own in groups.values():
+            # A sensor is called by its topic, and where it shares that by its frame as well.
+            names = {
+                topic.name
+                for topic in self.topics
+                if any(
+                    sensor == topic.name or sensor.startswith(f"{topic.name} ") for sensor in own
+                )
+            }
+            part = replace(
+                self,
+                topics=[topic for topic in self.topics if topic.name in names],
+                sensors={sensor: self.sensors[sensor] for sensor in self.sensors if sensor in own},
+                # What there is to know of the recording is said once.
+                opening_notes=() if parts else self.opening_notes,
+                continues=bool(parts),
+                others=frozenset(self.sensors) - own,
+                silent=frozenset(names & counted),
+            )
+            counted |= names
+            parts.append(part)
+        return parts
 
     def __len__(self) -> int:
         """`scan_count`.
@@ -112,25 +186,35 @@ class RecordedLog:
             raise TypeError(f"{self.path}: the number of scans is not known before they are read")
         return self.scan_count
 
-    def __iter__(self) -> Iterator[Scan]:
+    def __iter__(self) -> Iterator[Scan | Any]:
         """The scans in the order of the file; can be started again."""
         self._skipped.clear()
         self._first.clear()
+        self._restated.clear()
+        self._leaning.clear()
         kinds = {topic.name: topic.type for topic in self.topics}
-        stated = self.sensor
         for message in self.recording.messages(kinds):
+            name = message.topic
             try:
-                scan = self._scan(beams_of(kinds[message.topic], message.data))
+                beams = beams_of(kinds[name], message.data, self.units_per_metre)
+                sensor = sensor_id(name, beams)
+                if sensor in self.others:
+                    continue
+                scan = self._scan(name, beams)
             except NoPoseError as error:
-                self._skip("scan.no_pose", message.topic, error)
+                self._skip("scan.no_pose", name, error)
                 continue
             except InputError as error:
                 if not self.skip_bad:
-                    raise InputError(f"{self.path}: {message.topic}: {error}") from None
-                self._skip("scan.unreadable", message.topic, error)
+                    raise InputError(f"{self.path}: {name}: {error}") from None
+                if name not in self.silent:
+                    self._skip("scan.unreadable", name, error)
                 continue
+            stated = self.sensors.get(sensor, SensorInfo()).settings
+            if beams.settings != stated:
+                self._restated[sensor] += 1
             object.__setattr__(scan, "stated", stated)
-            object.__setattr__(scan, "sensor_id", message.topic)
+            object.__setattr__(scan, "sensor_id", sensor)
             yield scan
 
     def _skip(self, reason: str, topic: str, error: InputError) -> None:
@@ -138,12 +222,14 @@ class RecordedLog:
         if not self._first:
             self._first.append(f"{topic}: {error}")
 
-    def _scan(self, beams: Beams) -> Scan:
+    def _scan(self, topic: str, beams: Beams) -> Scan | DepthScan:
         stamp = beams.stamp_ns + self.clock_offset_ns
         pose = self.poses.at(beams.frame, stamp)
         if beams.frame_from_sensor is not None:
             pose = pose @ beams.frame_from_sensor
         times = None if beams.after_ns is None else beams.after_ns + stamp
+        if beams.depth is not None:
+            return DepthScan(pose, beams.depth, self.cameras[topic], stamp)
         if beams.points is not None:
             points = beams.points
             if beams.frame == self.poses.frame and beams.frame_from_sensor is None:
@@ -152,6 +238,9 @@ class RecordedLog:
             object.__setattr__(scan, "beam_times_ns", times)
             return scan
         if self.ndim == 2:
+            lean = _lean(form_of(beams), pose)
+            if lean > math.sin(_LEANS):
+                self._leaning.append(lean)
             flat, directions = _in_the_plane(pose, beams.directions)
             return Scan(flat, directions, beams.ranges, stamp, beam_times_ns=times)
         return Scan(pose, beams.directions, beams.ranges, stamp, beam_times_ns=times)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Collection, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -59,11 +60,15 @@ class TransformTree:
 
     Args:
         path: what messages start with.
+
+    `conflicts` counts samples that differ from another of the same stamp, and `restated` fixed
+    transforms that differ from the one stated before.
     """
 
     def __init__(self, path: str) -> None:
         self.path = path
         self.conflicts: Counter[Link] = Counter()
+        self.restated: Counter[Link] = Counter()
         self._samples: dict[Link, _Samples] = {}
         self._edges: dict[Link, _Edge] = {}
 
@@ -91,6 +96,7 @@ class TransformTree:
         samples = self._samples.setdefault(key, _Samples())
         value = (*translation, *quaternion_xyzw)
         if fixed:
+            self.restated[key] += samples.fixed not in (None, value)
             samples.fixed = value
         elif samples.stamps and samples.stamps[-1] == stamp_ns:
             # As in tf2, of two for one time the first counts.
@@ -99,6 +105,31 @@ class TransformTree:
             samples.stamps.append(stamp_ns)
             samples.values.append(value)
         self._edges.pop(key, None)
+
+    def doubts(self) -> list[str]:
+        """What of the transforms contradicts itself, and what counts."""
+        for key, samples in self._samples.items():
+            # What has the stamp of one long before it shows when they are sorted.
+            if len(set(samples.stamps)) < len(samples.stamps):
+                with suppress(InputError):  # a rotation that is none: said where it is used
+                    self._edge(key)
+        said = [
+            f"{count} transforms {parent} to {child} differ from another of the same stamp: "
+            "the first of each counts"
+            for (parent, child), count in self.conflicts.items()
+            if count
+        ]
+        said += [
+            f"{parent} to {child} is stated {count + 1} times as fixed, and differently: the last "
+            "counts"
+            for (parent, child), count in self.restated.items()
+            if count
+        ]
+        return said + [
+            f"{parent} to {child} is stated as fixed, and moves elsewhere: the fixed one counts"
+            for (parent, child), samples in self._samples.items()
+            if samples.fixed is not None and any(v != samples.values[0] for v in samples.values)
+        ]
 
     @property
     def links(self) -> Collection[Link]:

@@ -12,7 +12,7 @@ from oddsmap.poses.pose import Pose
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
-__all__ = ["Log", "SensorInfo"]
+__all__ = ["Log", "SensorInfo", "parts_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,3 +75,13 @@ class Log(Protocol):
     # `DepthScan`s of a depth camera and the `GridScan`s of a log of grids.
     def __iter__(self) -> Iterator[Scan | Any]:
         """The measurements in file order; can be started again."""
+
+
+def parts_of(log: Any) -> list[Any]:
+    """A log in parts, each of sensors that state the same; most logs are one part.
+
+    Each reading has to be judged by what its own sensor states, and one sensor model takes one
+    range_max: whoever makes models of what a log states makes one for each part.
+    """
+    parts: list[Any] = log.parts() if hasattr(log, "parts") else [log]
+    return parts

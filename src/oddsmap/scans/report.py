@@ -25,3 +25,10 @@ class Report:
         self.scans += scans
         self.beams += beams
         self.skipped += skipped
+
+    def include(self, other: Report) -> None:
+        """Count what became of other scans of the same map."""
+        self.add(other.scans, other.beams, other.skipped)
+        self.integrate_s += other.integrate_s
+        self.compile_s += other.compile_s
+        self.read_s += other.read_s

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -21,7 +22,7 @@ class PartOfLog(LogView):
 
     Args:
         log: the whole log.
-        every: the k-th, 2k-th, 3k-th scan that can be read is held out.
+        every: the k-th, 2k-th, 3k-th scan of each sensor that can be read is held out.
         held: True: these scans; False: all others.
     """
 
@@ -39,8 +40,11 @@ class PartOfLog(LogView):
 
     def __iter__(self) -> Iterator[Scan | Any]:
         """The scans in file order; can be started again."""
-        for number, scan in enumerate(self.log, 1):
-            if (number % self.every == 0) == self.held:
+        # Each sensor is counted by itself: the same scans are held out of all and of one alone.
+        numbers: Counter[str] = Counter()
+        for scan in self.log:
+            numbers[scan.sensor_id] += 1
+            if (numbers[scan.sensor_id] % self.every == 0) == self.held:
                 yield scan
 
 

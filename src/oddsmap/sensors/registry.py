@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, TypeVar, cast
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.scans.grid_scan import GridScan
+from oddsmap.scans.log import parts_of
 from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.base import Sensor
 from oddsmap.sensors.beam import BeamSensor
@@ -21,6 +22,7 @@ __all__ = [
     "SENSORS",
     "Sensor",
     "agreeing",
+    "check_agreement",
     "sensor_of_log",
     "settings_of",
     "stated_of_sensor",
@@ -38,7 +40,11 @@ NAMES: dict[str, str] = {name: sensor.kind for sensor in SENSORS for name in sen
 
 
 def stated_of_sensor(
-    log: object, kind: str | None = None, *, first: Measurement | None = None
+    log: object,
+    kind: str | None = None,
+    *,
+    first: Measurement | None = None,
+    decided: Collection[str] = (),
 ) -> dict[str, Any]:
     """What a log says of its sensor, as fields of the sensor model, with its `kind`.
 
@@ -46,11 +52,14 @@ def stated_of_sensor(
         log: any log, or a list of scans.
         kind: the kind of sensor; default: as the log's readings are.
         first: the first of them, which speaks for what is neither a log nor a list.
+        decided: fields whose value the caller sets, whatever the log states.
 
     Raises:
         ConfigError: there is no sensor model of this kind.
-        InputError: scans of a list come from logs that state different things.
+        InputError: scans of a list come from logs that state different things, or the sensors of
+            a log do.
     """
+    check_agreement(log, decided)
     if first is None and isinstance(log, Sequence) and len(log):
         first = log[0]
     stated: Mapping[str, float] = getattr(log, "sensor", getattr(first, "stated", {}))
@@ -88,6 +97,31 @@ def agreeing(scans: Iterable[M], stated: Mapping[str, float]) -> Iterator[M]:
                 "the sensor"
             )
         yield scan
+
+
+def check_agreement(log: object, decided: Collection[str] = ()) -> None:
+    """Refuse one sensor model for sensors that state different things.
+
+    Args:
+        log: any log, or a list of scans.
+        decided: fields whose value the caller sets.
+
+    Raises:
+        InputError: they state different things of another field.
+    """
+    first, *others = parts_of(log)
+    for part in others:
+        differ = [
+            name
+            for name in sorted({*first.sensor, *part.sensor} - set(decided))
+            if first.sensor.get(name) != part.sensor.get(name)
+        ]
+        if differ:
+            raise InputError(
+                f"{part.path}: its sensors state different things, {next(iter(first.sensors))} "
+                f"{_words(first.sensor)}, {next(iter(part.sensors))} {_words(part.sensor)}: take "
+                f"one at a time (--scans, scans=), or set {' and '.join(differ)} for all"
+            )
 
 
 def _words(stated: Mapping[str, float]) -> str:
