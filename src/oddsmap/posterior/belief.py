@@ -15,13 +15,15 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.map_files.fields import PlanePart, PointPart
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, sigmoid
 
 if TYPE_CHECKING:
     import xarray
 
-    from oddsmap.map_files.fields import Leaves, OfLogOdds
+    from oddsmap.map_files.fields import Leaves, OfLogOdds, Plane
+    from oddsmap.map_files.octomap_range import Shift
     from oddsmap.map_files.ros_reader import RosMode
     from oddsmap.maps.voxel_map import VoxelMap
 
@@ -107,6 +109,46 @@ class Belief(ABC):
         index, log_odds = self.known_log_odds()
         yield index, function(log_odds)
 
+    @property
+    def has_counts(self) -> bool:
+        """Whether the view knows how many hits and passes a cell has had."""
+        return False
+
+    def part(self, region: Region) -> PlanePart:
+        """A region's cells as files take them: probability, whether observed, and counts."""
+        return PlanePart(self.probability(region), self.observed(region), None, None)
+
+    def plane(self) -> Plane:
+        """The box of known cells of a 2D map, for files that take it in parts.
+
+        Raises:
+            InputError: a 3D map.
+        """
+        from oddsmap.posterior.plane import BeliefPlane
+
+        return BeliefPlane(self)
+
+    def points(self, least: float) -> Iterator[PointPart]:
+        """The observed cells of a 3D map as points, some at a time, of at least a probability.
+
+        Raises:
+            InputError: a 2D map.
+        """
+        self._check_space()
+        for index, p in self.parts(sigmoid):
+            chosen = p >= least
+            yield self._points(index[chosen], p[chosen], None, None)
+
+    def _points(
+        self, index: IntArray, p: FloatArray, hits: FloatArray | None, passes: FloatArray | None
+    ) -> PointPart:
+        centre = np.asarray((index + 0.5) * self.resolution, np.float64)
+        return PointPart(centre, np.full(len(p), self.resolution), p, hits, passes)
+
+    def _check_space(self) -> None:
+        if self.ndim != 3:
+            raise InputError("an OctoMap, a PLY or a LAS needs a 3D map, this one is 2D")
+
     def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
         """Probabilities with their place in the world.
 
@@ -134,17 +176,20 @@ class Belief(ABC):
         """
         from oddsmap.maps.voxel_map import VoxelMap
 
-        if self.ndim != 3:
-            raise InputError("an OctoMap or a PLY needs a 3D map, this one is 2D")
+        self._check_space()
         return VoxelMap(*self.known_log_odds(), self.resolution)
 
-    def leaves(self) -> Leaves:
+    def leaves(self, shift: Shift | None = None) -> Leaves:
         """The observed cells of a 3D map as leaves of an octree, for files.
+
+        Args:
+            shift: the cell that becomes cell 0; None: the map's own.
 
         Raises:
             InputError: a 2D map.
         """
-        return self.to_voxels()
+        voxels = self.to_voxels()
+        return voxels if shift is None else voxels.leaves(shift)
 
     def to_xarray(self, region: Region | None = None) -> xarray.DataArray:
         """Probabilities with coordinates of the cells' centres [m]; needs the extra `xarray`.
@@ -199,20 +244,32 @@ class Belief(ABC):
         path: str | os.PathLike[str],
         *,
         clamp: tuple[float, float] | None = None,
+        shift: tuple[float, float, float] | None = None,
         force: bool = False,
     ) -> None:
-        """Write a `.bt` or `.ot`: see `oddsmap.map_files.octomap_writer.save_octomap`."""
+        """Write a `.bt` or `.ot`: see `oddsmap.map_files.octomap_writer.save_octomap`.
+
+        Args:
+            path: the file to write.
+            clamp: lowest and highest probability written to an `.ot`; None: as they are.
+            shift: the point of the map that becomes the file's origin [m], a whole number of cells
+                from the map's; None: that itself.
+            force: True where an existing file may be replaced.
+        """
+        from oddsmap.map_files.octomap_range import shift_of
         from oddsmap.map_files.octomap_writer import save_octomap
 
+        moved = None if shift is None else shift_of(shift, self.resolution)
         save_octomap(
-            self.leaves(), Path(path), clamp=clamp, thresholds=self.thresholds, force=force
-        )
+            self.leaves(moved), Path(path), clamp=clamp, thresholds=self.thresholds, shift=moved,
+            force=force,
+        )  # fmt: skip
 
     def save_ply(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the occupied cells as points: see `oddsmap.map_files.ply.save_ply`."""
         from oddsmap.map_files.ply import save_ply
 
-        save_ply(self.leaves(), Path(path), thresholds=self.thresholds, force=force)
+        save_ply(self, Path(path), thresholds=self.thresholds, force=force)
 
     def _notes(self) -> dict[str, object]:
         """What else a reader of an exported array should know."""
