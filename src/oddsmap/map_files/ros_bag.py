@@ -125,10 +125,10 @@ def _latched() -> Qos:
         QosTime,
     )
 
-    ever = QosTime(2147483647, 4294967295)
+    default = QosTime(0, 0)
     return Qos(
-        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, ever, ever,
-        QosLiveliness.AUTOMATIC, ever, False,
+        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, default,
+        default, QosLiveliness.AUTOMATIC, default, False,
     )  # fmt: skip
 
 

@@ -200,10 +200,9 @@ class VoxelMap:
             chosen = p >= least
             index = self.index[part][chosen]
             side = np.int64(1) << self.level[part][chosen].astype(np.int64)
-            centre = (index + side[:, None] / 2) * self.resolution
-            yield PointPart(
-                np.asarray(centre, np.float64), side * self.resolution, p[chosen], None, None
-            )
+            centre: FloatArray = (index + side[:, None] / 2) * np.float64(self.resolution)
+            length: FloatArray = side * np.float64(self.resolution)
+            yield PointPart(centre, length, p[chosen], None, None)
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of known cells: first index and past the last, shape (3,); None if empty."""
@@ -305,6 +304,19 @@ class VoxelMap:
         from oddsmap.map_files.ply import save_ply
 
         save_ply(self, Path(path), thresholds=thresholds, force=force)
+
+    def save_las(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        crs: str | None = None,
+        thresholds: Thresholds | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write the occupied leaves as LAS or LAZ: see `oddsmap.map_files.las.save_las`."""
+        from oddsmap.map_files.las import save_las
+
+        save_las(self, Path(path), crs=crs, thresholds=thresholds, force=force)
 
 
 def load_octomap(path: str | os.PathLike[str]) -> VoxelMap:

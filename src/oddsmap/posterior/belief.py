@@ -271,6 +271,23 @@ class Belief(ABC):
 
         save_ply(self, Path(path), thresholds=self.thresholds, force=force)
 
+    def save_las(
+        self, path: str | os.PathLike[str], *, crs: str | None = None, force: bool = False
+    ) -> None:
+        """Write the occupied cells as LAS or LAZ: see `oddsmap.map_files.las.save_las`."""
+        from oddsmap.map_files.las import save_las
+
+        self._check_space()
+        save_las(self, Path(path), crs=crs, thresholds=self.thresholds, force=force)
+
+    def save_geotiff(
+        self, path: str | os.PathLike[str], *, crs: str | None = None, force: bool = False
+    ) -> None:
+        """Write a 2D map as a GeoTIFF: see `oddsmap.map_files.geotiff.save_geotiff`."""
+        from oddsmap.map_files.geotiff import save_geotiff
+
+        save_geotiff(self.plane(), Path(path), crs=crs, force=force)
+
     def _notes(self) -> dict[str, object]:
         """What else a reader of an exported array should know."""
         return {}
