@@ -113,8 +113,8 @@ def _octomaps(
         )
     stated = options.get("shift")
     shift = None if stated is None else shift_of(stated, space.resolution)
+    check_keys(output, space.bounds(), space.resolution, shift)
     leaves = space.leaves(shift)
-    check_keys(output, leaves.bounds(), leaves.resolution, shift)
     origin = np.zeros(3) if shift is None else shift.metres
 
     def make(messages: RosMessages) -> Iterator[TopicMessage]:

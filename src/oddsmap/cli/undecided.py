@@ -37,6 +37,8 @@ def undecided_in_plane(plane: Plane, thresholds: Thresholds | None, view: Source
     seen, undecided = 0, []
     for rows, columns in windows(plane.shape):
         part = plane.part(rows, columns)
+        if not part.observed.any():
+            continue
         state = limits.state(part.probability, part.observed)
         undecided.append(part.probability[state == State.UNDECIDED])
         seen += int(np.count_nonzero(part.observed))
@@ -60,11 +62,10 @@ def undecided_in_points(view: Belief | VoxelMap) -> str | None:
     from oddsmap.posterior.belief import Belief
 
     limits = view.thresholds if isinstance(view, Belief) else Thresholds()
-    leaves = view.leaves() if isinstance(view, Belief) else view
     likely = written = 0
-    for part in leaves.parts(sigmoid):
-        likely += int(np.count_nonzero(part.value >= 0.5))
-        written += int(np.count_nonzero(part.value >= limits.occupied))
+    for part in view.points(0.5):
+        likely += len(part.probability)
+        written += int(np.count_nonzero(part.probability >= limits.occupied))
     left = likely - written
     if left < _NOTABLE * likely or left <= 0:
         return None

@@ -121,14 +121,17 @@ def _transform(plane: Plane) -> Any:
     """Column and row of the image to x and y [m]: row 0 is the top."""
     from rasterio.transform import Affine
 
-    (x, y), side, ny = plane.origin, plane.resolution, plane.shape[0]
-    turn = Affine.rotation(math.degrees(plane.yaw)) if plane.yaw else Affine.identity()
-    return Affine.translation(x, y) * turn * Affine(side, 0.0, 0.0, 0.0, -side, side * ny)
+    (x, y), side, height = plane.origin, plane.resolution, plane.resolution * plane.shape[0]
+    cos, sin = math.cos(plane.yaw), math.sin(plane.yaw)
+    return Affine(
+        side * cos, side * sin, x - height * sin, side * sin, -side * cos, y + height * cos
+    )
 
 
 def _bands(part: PlanePart) -> npt.NDArray[np.float32]:
     bands = np.zeros((3, *part.observed.shape), np.float32)
-    bands[0] = np.where(part.observed, part.probability, np.nan)
+    bands[0] = np.nan
+    np.copyto(bands[0], part.probability, where=part.observed, casting="same_kind")
     if part.hits is not None:
         bands[1], bands[2] = part.hits, part.passes
     return bands

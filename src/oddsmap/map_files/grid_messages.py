@@ -58,6 +58,8 @@ def occupancy_values(
         mode: which of them.
         thresholds: what is free and what is occupied.
     """
+    if not part.observed.any():
+        return np.full(part.observed.shape, -1, np.int8)
     percent = np.rint(100.0 * np.where(part.observed, part.probability, 0.0))
     if mode == "raw":
         values = percent

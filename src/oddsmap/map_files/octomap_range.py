@@ -77,20 +77,20 @@ def check_keys(
 
     Args:
         path: the file, for the message.
-        bounds: the box of known cells, shifted: first index and past the last.
+        bounds: the box of known cells, counted as the map does: first index and past the last.
         resolution: side of a cell [m].
-        shift: by what they were shifted.
+        shift: by what they are to be shifted.
 
     Raises:
         InputError: some are outside.
     """
     if bounds is None:
         return
-    lo, hi = bounds
+    before = np.zeros(3, np.int64) if shift is None else shift.cells
+    lo, hi = bounds[0] - before, bounds[1] - before
     outside = (lo < -HALF) | (hi > HALF)
     if not outside.any():
         return
-    before = np.zeros(3, np.int64) if shift is None else shift.cells
     crops = []
     for axis, name in enumerate("xyz"):
         edges = [(int(before[axis]) + end) * resolution for end in (-HALF, HALF)]
@@ -101,7 +101,7 @@ def check_keys(
     advice = []
     if ((lo < HALF) & (hi > -HALF)).all():  # something would be left
         advice.append(f"crop to {' and '.join(crops)}")
-    found = _fitting(lo + before, hi + before, resolution)
+    found = _fitting(*bounds, resolution)
     if found is not None:
         advice.append(
             f"--shift {_three(found)} moves the map there, and is to be added to get its "

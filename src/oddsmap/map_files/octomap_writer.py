@@ -79,7 +79,7 @@ def save_octomap(
     if path.suffix not in (".bt", ".ot"):
         raise ConfigError(f"{path}: an OctoMap is named .bt (free or occupied) or .ot (log odds)")
     check_output(path, force=force)
-    check_keys(path, voxels.bounds(), voxels.resolution, shift)
+    check_keys(path, voxels.bounds(), voxels.resolution)
     if clamp is not None:
         _check_clamp(clamp, path)
     moved = "" if shift is None or not shift.cells.any() else f"# {shift.words()}\n"

@@ -284,10 +284,11 @@ class VoxelMap:
         force: bool = False,
     ) -> None:
         """Write an OctoMap: see `oddsmap.posterior.belief.Belief.save_octomap`."""
-        from oddsmap.map_files.octomap_range import shift_of
+        from oddsmap.map_files.octomap_range import check_keys, shift_of
         from oddsmap.map_files.octomap_writer import save_octomap
 
         moved = None if shift is None else shift_of(shift, self.resolution)
+        check_keys(Path(path), self.bounds(), self.resolution, moved)
         save_octomap(
             self.leaves(moved), Path(path), clamp=clamp, thresholds=thresholds, shift=moved,
             force=force,

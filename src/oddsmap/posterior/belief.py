@@ -256,10 +256,12 @@ class Belief(ABC):
                 from the map's; None: that itself.
             force: True where an existing file may be replaced.
         """
-        from oddsmap.map_files.octomap_range import shift_of
+        from oddsmap.map_files.octomap_range import check_keys, shift_of
         from oddsmap.map_files.octomap_writer import save_octomap
 
         moved = None if shift is None else shift_of(shift, self.resolution)
+        self._check_space()
+        check_keys(Path(path), self.bounds(), self.resolution, moved)
         save_octomap(
             self.leaves(moved), Path(path), clamp=clamp, thresholds=self.thresholds, shift=moved,
             force=force,

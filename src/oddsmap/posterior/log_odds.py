@@ -186,6 +186,14 @@ class LogOdds(Belief):
     def part(self, region: Region) -> PlanePart:
         """A region's cells as files take them: see `Belief.part`."""
         lo, hi = self._region(region)
+        coords, side = self.evidence.tiles.coords, self.evidence.tiles.side
+        if not ((coords >= lo // side) & (coords <= (hi - 1) // side)).all(axis=1).any():
+            # Most of a wide map, as a rule: a tenth of the time of zeros worked out.
+            shape = tuple(int(n) for n in (hi - lo)[::-1])
+            zero = np.broadcast_to(np.float64(0.0), shape)
+            return PlanePart(
+                np.broadcast_to(self.prior, shape), np.zeros(shape, np.bool_), zero, zero
+            )
         hits, passes = self.evidence.region(lo, hi)
         prior = None if self.prior_map is None else self.prior_map.region(lo, hi)
         p = sigmoid(self.of_votes(hits, passes, prior))
