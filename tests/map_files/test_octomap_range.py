@@ -76,8 +76,8 @@ lengths = st.integers(-(2**36), 2**36)
 def test_what_is_advised_works(
     first: tuple[int, int, int], sides: tuple[int, int, int], resolution: float
 ) -> None:
-    lo = np.array(first)
-    bounds = lo, lo + sides
+    lo = np.array(first, np.int64)
+    bounds = lo, lo + np.array(sides, np.int64)
     path = Path("a.bt")
     try:
         check_keys(path, bounds, resolution)

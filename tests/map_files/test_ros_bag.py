@@ -106,7 +106,8 @@ def cells_of(grid: Any) -> npt.NDArray[np.void]:
         }
     )
     assert grid.row_stride == grid.column_count * grid.cell_stride
-    return grid.data.view(kind).reshape(-1, grid.column_count)
+    cells: npt.NDArray[np.void] = grid.data.view(kind).reshape(-1, grid.column_count)
+    return cells
 
 
 def test_the_cells_of_a_plane(tmp_path: Path) -> None:

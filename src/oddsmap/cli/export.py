@@ -22,11 +22,13 @@ __all__ = ["HELP", "export"]
 HELP = """Write a map as what other software reads: OUT's suffix decides.
 
 \b
-  .yaml         ROS map_server: YAML and an image    .png   a picture
-  .mcap         messages of ROS 2, for RViz          .npz   arrays
-                and Foxglove; .bag of ROS 1          .tif   GeoTIFF
-  .bt .ot       OctoMap (3D)
-  .las .laz .ply  occupied cells as points (3D)
+  .yaml             ROS map_server: YAML and an image
+  .mcap             messages of ROS 2, for RViz and Foxglove; .bag: of ROS 1
+  .png              a picture
+  .npz              arrays
+  .tif              GeoTIFF, for QGIS and other GIS
+  .bt .ot           OctoMap (3D)
+  .las .laz .ply    the occupied cells as points (3D)
 
 \b
   oddsmap export intel.zarr intel.yaml    ROS map_server: YAML and PGM
@@ -34,7 +36,7 @@ HELP = """Write a map as what other software reads: OUT's suffix decides.
                                           the same with probabilities, as PNG
   oddsmap export intel.zarr intel.mcap    nav_msgs/OccupancyGrid on /map
   oddsmap export intel.zarr bag_of_intel --format ros2-bag
-                                          the same as a folder for ros2 bag play
+                                          the same, for ros2 bag play
   oddsmap export yard.zarr yard.tif --crs EPSG:32632
                                           GeoTIFF: probability, hits, passes
   oddsmap export intel.zarr intel.png     a picture with axes in metres
@@ -59,7 +61,7 @@ MAP may also be the YAML of a ROS map:
   oddsmap export hall.zarr hall.bt        OctoMap: free and occupied;
                                           .ot: log odds
   oddsmap export utm.zarr utm.bt --shift 500000 5400000 0
-                                          moved to where OctoMaps end at
+                                          that point becomes the origin
   oddsmap export hall.zarr hall.laz       the occupied cells as points;
                                           also .las, .ply
   oddsmap export hall.zarr hall.mcap      OctoMaps and points for RViz
@@ -91,7 +93,8 @@ def export(
         Literal["ros2-bag"] | None,
         typer.Option(
             "--format",
-            help="What no suffix says: OUT is the folder of a ROS 2 bag, with metadata.yaml.",
+            help="What no suffix says: ros2-bag is a folder with metadata.yaml. By default OUT's "
+            "suffix decides.",
         ),
     ] = None,
     mode: Annotated[
@@ -159,16 +162,17 @@ def export(
     shift: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
-            metavar="X Y Z",
-            help="OctoMap: the point of the map that becomes the origin [m], whole cells away; add "
-            "it to get the map's coordinates back.",
+            metavar="METRES METRES METRES",
+            help="OctoMap: the point of the map that becomes the origin [m], whole cells away, by "
+            "default its own; add it to get the map's coordinates back.",
         ),
     ] = None,
     crs: Annotated[
         str | None,
         typer.Option(
             metavar="CRS",
-            help=".tif, .las, .laz: what the coordinates are in, such as EPSG:32632.",
+            help=".tif, .las, .laz: what the coordinates are in, such as EPSG:32632; by default "
+            "not said.",
         ),
     ] = None,
     frame: Annotated[

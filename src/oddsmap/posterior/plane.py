@@ -3,17 +3,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
+from oddsmap.array_types import IntArray, Region
 from oddsmap.errors import InputError
 from oddsmap.map_files.fields import PlanePart
 
-if TYPE_CHECKING:
-    from oddsmap.posterior.belief import Belief
-
 __all__ = ["BeliefPlane"]
+
+
+class _View(Protocol):
+    """What of `oddsmap.posterior.belief.Belief` a plane needs."""
+
+    @property
+    def ndim(self) -> int: ...
+    @property
+    def resolution(self) -> float: ...
+    @property
+    def has_counts(self) -> bool: ...
+    def bounds(self) -> tuple[IntArray, IntArray] | None: ...
+    def part(self, region: Region) -> PlanePart: ...
 
 
 class BeliefPlane:
@@ -28,7 +39,7 @@ class BeliefPlane:
 
     yaw = 0.0
 
-    def __init__(self, view: Belief) -> None:
+    def __init__(self, view: _View) -> None:
         if view.ndim != 2:
             raise InputError(
                 "a grid of cells needs a 2D map, this one is 3D: oddsmap.project makes one of a "
