@@ -14,12 +14,13 @@ import pytest
 
 import oddsmap
 from oddsmap import ConfigError, EvidenceMap, OutputError, ProbabilityMap, State, Thresholds
-from oddsmap.map_files.grid_messages import cell_grid, occupancy_grid
+from oddsmap.map_files.grid_messages import cell_grid, occupancy_grid, plane_messages
+from oddsmap.map_files.octomap_range import shift_of
 from oddsmap.map_files.plane import ArrayPlane
 from oddsmap.map_files.ros_bag import BagKind, save_bag
 from oddsmap.map_files.ros_messages import MapHeader, RosMessages, TopicMessage
 from oddsmap.map_files.ros_reader import RosMode
-from oddsmap.map_files.space_messages import octomap_message, point_message
+from oddsmap.map_files.space_messages import space_messages
 
 pytest.importorskip("rosbags")
 ONE = 65536
@@ -58,13 +59,7 @@ def save_plane(
     path: Path, kind: BagKind, mode: RosMode = "trinary", header: MapHeader | None = None
 ) -> None:
     plane = plane_map().log_odds().plane()
-
-    def make(messages: RosMessages) -> Iterator[TopicMessage]:
-        yield occupancy_grid(plane, messages, mode=mode, thresholds=LIMITS)
-        if messages.version == 2:
-            yield cell_grid(plane, messages)
-
-    save_bag(make, path, kind, header=header)
+    save_bag(plane_messages(plane, mode=mode, thresholds=LIMITS), path, kind, header=header)
 
 
 OUTPUTS: dict[BagKind, str] = {"mcap": "m.mcap", "ros2-bag": "m_bag", "bag": "m.bag"}
@@ -195,18 +190,16 @@ def test_space(tmp_path: Path, kind: BagKind) -> None:
     grid = space_map()
     view = grid.log_odds()
 
-    def make(messages: RosMessages) -> Iterator[TopicMessage]:
-        for binary in (True, False):
-            yield octomap_message(view.leaves(), messages, binary=binary, thresholds=LIMITS)
-        yield point_message(view, messages, thresholds=LIMITS, origin=np.array([1.0, 0.0, 0.0]))
-
+    shift = shift_of((1.0, 0.0, 0.0), 0.2)
+    leaves = view.leaves(shift)
+    make = space_messages(leaves, view, thresholds=LIMITS, shift=shift)
     save_bag(make, tmp_path / OUTPUTS[kind], kind)
     found = read(tmp_path / OUTPUTS[kind])
     for topic, suffix in (("/octomap_binary", ".bt"), ("/octomap_full", ".ot")):
         message = found[topic][0]
         assert (message.id, message.resolution) == ("OcTree", 0.2)
         assert message.binary == (suffix == ".bt")
-        view.save_octomap(tmp_path / f"a{suffix}")
+        view.save_octomap(tmp_path / f"a{suffix}", shift=(1.0, 0.0, 0.0))
         content = (tmp_path / f"a{suffix}").read_bytes()
         data = message.data.tobytes()
         assert content.split(b"data\n", 1)[1] == data
@@ -295,3 +288,19 @@ def test_a_message_has_room_for_so_many_cells(monkeypatch: pytest.MonkeyPatch) -
     view = plane_map().log_odds().plane()
     with pytest.raises(oddsmap.InputError, match="a message holds 1000 of them here"):
         occupancy_grid(view, RosMessages(2, MapHeader()), mode="raw", thresholds=LIMITS)
+
+
+def test_from_python(tmp_path: Path) -> None:
+    view = plane_map().log_odds()
+    for name in OUTPUTS.values():
+        view.save_rosbag(tmp_path / name, mode="raw", frame="odom", stamp_ns=5_000_000_000)
+        found = read(tmp_path / name)["/map"][0]
+        assert (found.header.frame_id, found.header.stamp.sec) == ("odom", 5)
+        percent = np.where(view.observed(), np.rint(100 * view.probability()), -1)
+        assert np.array_equal(found.data, percent.ravel())
+    with pytest.raises(ConfigError, match=r"named \.mcap, \.bag"):
+        view.save_rosbag(tmp_path / "m.db3")
+    space = space_map().log_odds()
+    space.save_rosbag(tmp_path / "s.mcap", shift=(0.4, 0.0, 0.0))
+    centres = read(tmp_path / "s.mcap")["/octomap_point_cloud_centers"][0]
+    assert centres.width == np.count_nonzero(space.cells()[1] >= 0.65)

@@ -75,36 +75,27 @@ def write_bag(view: Source, output: Path, options: Options, force: bool) -> Writ
 def _grids(view: Source, options: Options, limits: Thresholds) -> _Made:
     from oddsmap.cli.undecided import undecided_in_plane
     from oddsmap.errors import ConfigError
-    from oddsmap.map_files.grid_messages import MOST_GRID_CELLS, cell_grid, occupancy_grid
+    from oddsmap.map_files.grid_messages import MOST_GRID_CELLS, has_cell_grid, plane_messages
 
     if "shift" in options:
         raise ConfigError("--shift moves an OctoMap, and this map is 2D")
     plane, mode = plane_of(view, options), options.get("mode", "trinary")
     note = undecided_in_plane(plane, limits, view) if mode == "trinary" else None
     notes: tuple[str, ...] = () if note is None else (note,)
-    small = plane.shape[0] * plane.shape[1] <= MOST_GRID_CELLS
-    if not small:
+    if not has_cell_grid(plane):
         notes += (
             f"/map_cells with probabilities and counts is left out: more than {MOST_GRID_CELLS:,} "
             "cells are more than Foxglove draws; a GeoTIFF (.tif) has them",
         )
-
-    def make(messages: RosMessages) -> Iterator[TopicMessage]:
-        yield occupancy_grid(plane, messages, mode=mode, thresholds=limits)
-        if small and messages.version == 2:
-            yield cell_grid(plane, messages)
-
-    return make, notes
+    return plane_messages(plane, mode=mode, thresholds=limits), notes
 
 
 def _octomaps(
     space: Belief | VoxelMap, output: Path, options: Options, limits: Thresholds
 ) -> _Made:
-    import numpy as np
-
     from oddsmap.errors import ConfigError
     from oddsmap.map_files.octomap_range import check_keys, shift_of
-    from oddsmap.map_files.space_messages import octomap_message, point_message
+    from oddsmap.map_files.space_messages import space_messages
 
     if "mode" in options:
         raise ConfigError(
@@ -115,14 +106,7 @@ def _octomaps(
     shift = None if stated is None else shift_of(stated, space.resolution)
     check_keys(output, space.bounds(), space.resolution, shift)
     leaves = space.leaves(shift)
-    origin = np.zeros(3) if shift is None else shift.metres
-
-    def make(messages: RosMessages) -> Iterator[TopicMessage]:
-        for binary in (True, False):
-            yield octomap_message(leaves, messages, binary=binary, thresholds=limits)
-        yield point_message(space, messages, thresholds=limits, origin=origin)
-
-    return make, note_of_shift(shift)
+    return space_messages(leaves, space, thresholds=limits, shift=shift), note_of_shift(shift)
 
 
 def _space_of(view: Source, options: Options) -> Belief | VoxelMap | None:

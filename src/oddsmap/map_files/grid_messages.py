@@ -12,6 +12,7 @@ https://docs.foxglove.dev/docs/visualization/message-schemas/grid
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,14 @@ from oddsmap.map_files.ros_messages import RosMessages, TopicMessage
 from oddsmap.map_files.ros_reader import RosMode
 from oddsmap.odds import State, Thresholds
 
-__all__ = ["MOST_GRID_CELLS", "cell_grid", "occupancy_grid", "occupancy_values"]
+__all__ = [
+    "MOST_GRID_CELLS",
+    "cell_grid",
+    "has_cell_grid",
+    "occupancy_grid",
+    "occupancy_values",
+    "plane_messages",
+]
 
 # A message lists its cells by a number of 32 bits, and is held four times while it is written.
 _MOST_CELLS = (1 << 31) - 1
@@ -41,6 +49,30 @@ _CELL = np.dtype(
     ]
 )  # fmt: skip
 _UINT8, _FLOAT32 = 1, 7
+
+
+def plane_messages(
+    plane: Plane, *, mode: RosMode, thresholds: Thresholds
+) -> Callable[[RosMessages], Iterator[TopicMessage]]:
+    """What makes the messages of a 2D map: see `occupancy_grid` and `cell_grid`.
+
+    Args:
+        plane: the map.
+        mode: what the OccupancyGrid says, see `occupancy_values`.
+        thresholds: what is free and what is occupied in it.
+    """
+
+    def make(messages: RosMessages) -> Iterator[TopicMessage]:
+        yield occupancy_grid(plane, messages, mode=mode, thresholds=thresholds)
+        if messages.version == 2 and has_cell_grid(plane):
+            yield cell_grid(plane, messages)
+
+    return make
+
+
+def has_cell_grid(plane: Plane) -> bool:
+    """Whether a map is small enough for a `foxglove_msgs/Grid`."""
+    return plane.shape[0] * plane.shape[1] <= MOST_GRID_CELLS
 
 
 def occupancy_values(

@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from oddsmap.atomic_write import atomic_output, check_output, why_no_file
+from oddsmap.errors import ConfigError
 from oddsmap.map_files.ros_messages import MapHeader, RosMessages, TopicMessage
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Qos
 
-__all__ = ["BagKind", "check_bag_output", "save_bag"]
+__all__ = ["BagKind", "check_bag_output", "kind_of_bag", "save_bag"]
 
 BagKind = Literal["mcap", "ros2-bag", "bag"]
 """A file of ROS 2, a folder of ROS 2, a file of ROS 1."""
@@ -74,6 +75,20 @@ def save_bag(
             (folder / f"{folder.name}.mcap").replace(part)
             shutil.rmtree(folder.parent)
     return path
+
+
+def kind_of_bag(path: Path) -> BagKind:
+    """What a name says: `.mcap`, `.bag`, or without a suffix the folder of ROS 2.
+
+    Raises:
+        ConfigError: another suffix.
+    """
+    kinds: dict[str, BagKind] = {".mcap": "mcap", ".bag": "bag", "": "ros2-bag"}
+    if path.suffix.lower() not in kinds:
+        raise ConfigError(
+            f"{path}: messages of ROS are named .mcap, .bag (ROS 1), or without a suffix (a folder)"
+        )
+    return kinds[path.suffix.lower()]
 
 
 def check_bag_output(path: Path, kind: BagKind, *, force: bool) -> None:

@@ -7,19 +7,42 @@ without the header; sensor_msgs/PointCloud2.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from io import BytesIO
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.map_files.fields import CellPoints, Leaves
+from oddsmap.map_files.octomap_range import Shift
 from oddsmap.map_files.octomap_writer import write_nodes
 from oddsmap.map_files.ros_messages import RosMessages, TopicMessage
 from oddsmap.odds import Thresholds
 
-__all__ = ["octomap_message", "point_message"]
+__all__ = ["octomap_message", "point_message", "space_messages"]
 
 _FLOAT32 = 7
+
+
+def space_messages(
+    leaves: Leaves, cells: CellPoints, *, thresholds: Thresholds, shift: Shift | None = None
+) -> Callable[[RosMessages], Iterator[TopicMessage]]:
+    """What makes the messages of a 3D map: see `octomap_message` and `point_message`.
+
+    Args:
+        leaves: the map's, within OctoMap's keys.
+        cells: the map's.
+        thresholds: what is free and what is occupied.
+        shift: by what the leaves are shifted, and the points will be.
+    """
+    origin = np.zeros(3) if shift is None else shift.metres
+
+    def make(messages: RosMessages) -> Iterator[TopicMessage]:
+        for binary in (True, False):
+            yield octomap_message(leaves, messages, binary=binary, thresholds=thresholds)
+        yield point_message(cells, messages, thresholds=thresholds, origin=origin)
+
+    return make
 
 
 def octomap_message(

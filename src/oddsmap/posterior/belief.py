@@ -273,6 +273,41 @@ class Belief(ABC):
 
         save_ply(self, Path(path), thresholds=self.thresholds, force=force)
 
+    def save_rosbag(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        mode: RosMode = "trinary",
+        frame: str = "map",
+        stamp_ns: int = 0,
+        shift: tuple[float, float, float] | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write messages of ROS: see `oddsmap.map_files.ros_bag.save_bag`.
+
+        Args:
+            path: named `.mcap`, `.bag` (of ROS 1), or without a suffix: the folder of a ROS 2 bag.
+            mode: of a 2D map, see `oddsmap.map_files.grid_messages.occupancy_values`.
+            frame: the frame of the map.
+            stamp_ns: its time [ns]; 0 in ROS stands for the latest transforms.
+            shift: of a 3D map, see `save_octomap`.
+            force: True where an existing output may be replaced.
+        """
+        from oddsmap.map_files.grid_messages import plane_messages
+        from oddsmap.map_files.octomap_range import check_keys, shift_of
+        from oddsmap.map_files.ros_bag import kind_of_bag, save_bag
+        from oddsmap.map_files.ros_messages import MapHeader
+        from oddsmap.map_files.space_messages import space_messages
+
+        path, header, limits = Path(path), MapHeader(frame, stamp_ns), self.thresholds
+        if self.ndim == 2:
+            make = plane_messages(self.plane(), mode=mode, thresholds=limits)
+        else:
+            moved = None if shift is None else shift_of(shift, self.resolution)
+            check_keys(path, self.bounds(), self.resolution, moved)
+            make = space_messages(self.leaves(moved), self, thresholds=limits, shift=moved)
+        save_bag(make, path, kind_of_bag(path), header=header, force=force)
+
     def save_las(
         self, path: str | os.PathLike[str], *, crs: str | None = None, force: bool = False
     ) -> None:
