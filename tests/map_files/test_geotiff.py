@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -120,3 +121,24 @@ def test_windows(shape: tuple[int, int]) -> None:
             assert columns[0] % 256 == 0
         assert (times == 1).all()
         assert all(top % 256 == 0 for top in tops)
+
+
+def test_memory_does_not_grow_with_the_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("oddsmap.map_files.plane._COLUMNS", 256)
+
+    def save(rows: int) -> int:
+        """What an export takes at most beside the map, without GDAL's cache [bytes]."""
+        grid = EvidenceMap(0.1)
+        index = np.stack(np.meshgrid(np.arange(256), np.arange(rows)), axis=-1).reshape(-1, 2)
+        grid.add_cells(index, index[:, 0] % 3 * ONE, np.full(len(index), ONE))
+        tracemalloc.start()
+        grid.log_odds().save_geotiff(tmp_path / f"{rows}.tif")
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return peak
+
+    save(256)
+    few, many = save(512), save(2048)
+    assert many - few < 256 * (2048 - 512)

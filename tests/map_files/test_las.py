@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -94,3 +95,20 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     with pytest.raises(ConfigError, match=r'pip install "oddsmap\[survey\]"'):
         view.save_las(tmp_path / "b.las")
     assert [entry.name for entry in tmp_path.iterdir()] == ["none.las"]
+
+
+def test_memory_does_not_grow_with_the_cells(tmp_path: Path) -> None:
+    def save(side: int) -> int:
+        """What an export takes at most beside the map [bytes]."""
+        grid = EvidenceMap(0.1, ndim=3)
+        index = np.stack(np.meshgrid(*[np.arange(side)] * 3), axis=-1).reshape(-1, 3)
+        grid.add_cells(index, index.sum(axis=1) % 3 * ONE, np.zeros(len(index), int))
+        tracemalloc.start()
+        grid.log_odds().save_las(tmp_path / f"{side}.las")
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return peak
+
+    save(8)
+    few, many = save(48), save(96)
+    assert many - few < 16 * (96**3 - 48**3)
