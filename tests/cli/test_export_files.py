@@ -218,3 +218,15 @@ def test_packages_that_are_missing(
     source = "space" if name == "m.laz" else "hall"
     line = run("export", maps / f"{source}.zarr", tmp_path / name).line
     assert f'pip install "oddsmap[{extra}]"' in line
+
+
+def test_planes_that_are_too_wide_are_refused_at_once(run: Run, tmp_path: Path) -> None:
+    far = oddsmap.EvidenceMap(0.1)
+    far.add_cells(
+        np.array([[0, 0], [1 << 20, 1 << 20]]), np.array([65536, 0]), np.array([0, 65536])
+    )
+    far.save(tmp_path / "far.zarr")
+    for name in ("m.mcap", "m.tif"):
+        line = run("export", tmp_path / "far.zarr", tmp_path / name).line
+        assert "1048577 x 1048577 cells" in line
+        assert "coarser map, or crop it" in line

@@ -102,6 +102,10 @@ def test_what_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         EvidenceMap(0.1, ndim=3).log_odds().save_geotiff(tmp_path / "a.tif")
     with pytest.raises(InputError, match="no cells"):
         EvidenceMap(0.1).log_odds().save_geotiff(tmp_path / "a.tif")
+    far = EvidenceMap(0.1)
+    far.add_cells(np.array([[0, 0], [1 << 18, 1 << 18]]), np.array([ONE, ONE]), np.zeros(2, int))
+    with pytest.raises(InputError, match=r"262145 x 262145 cells, of which 1\.72e\+10 can be"):
+        far.log_odds().save_geotiff(tmp_path / "a.tif")
     (tmp_path / "a.tif").touch()
     with pytest.raises(OutputError, match="exists already"):
         view.save_geotiff(tmp_path / "a.tif")

@@ -304,3 +304,13 @@ def test_from_python(tmp_path: Path) -> None:
     space.save_rosbag(tmp_path / "s.mcap", shift=(0.4, 0.0, 0.0))
     centres = read(tmp_path / "s.mcap")["/octomap_point_cloud_centers"][0]
     assert centres.width == np.count_nonzero(space.cells()[1] >= 0.65)
+
+
+def test_a_message_has_room_for_so_many_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for most, topic in ((100, "/octomap_binary"), (4000, "/octomap_full")):
+        monkeypatch.setattr("oddsmap.map_files.ros_messages._MOST_BYTES", most)
+        with pytest.raises(oddsmap.InputError, match=f"{topic}: .* GB in one message"):
+            space_map().log_odds().save_rosbag(tmp_path / "m.mcap")
+    assert list(tmp_path.iterdir()) == []

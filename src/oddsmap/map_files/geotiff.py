@@ -15,13 +15,14 @@ import numpy.typing as npt
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.decoding import decoding
-from oddsmap.errors import ConfigError
+from oddsmap.errors import ConfigError, InputError
 from oddsmap.map_files.fields import Plane, PlanePart
 from oddsmap.map_files.plane import windows
 
 __all__ = ["checked_crs", "save_geotiff"]
 
 _TILE = 256
+_MOST_CELLS = 1 << 34  # take half an hour; two places far from each other span more than that
 _CACHE_MB = 64  # of GDAL, which else takes 5 % of the machine's memory
 
 
@@ -44,6 +45,7 @@ def save_geotiff(
         The path written.
 
     Raises:
+        InputError: it has more than 2^34 cells.
         ConfigError: rasterio is not installed, the suffix is another, or see `checked_crs`.
         OutputError: the file exists already or cannot be written.
     """
@@ -54,6 +56,11 @@ def save_geotiff(
     rasterio = _rasterio()
     check_output(path, force=force)
     ny, nx = plane.shape
+    if nx * ny > _MOST_CELLS:
+        raise InputError(
+            f"{path}: a plane of {nx} x {ny} cells, of which {_MOST_CELLS:.3g} can be written: "
+            "make it of a coarser map, or crop it to what belongs together"
+        )
     names = ("probability", "hits", "passes") if plane.has_counts else ("probability",)
     profile = {
         "driver": "GTiff", "width": nx, "height": ny, "count": len(names), "dtype": "float32",

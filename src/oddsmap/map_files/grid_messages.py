@@ -29,6 +29,7 @@ from oddsmap.odds import State, Thresholds
 __all__ = [
     "MOST_GRID_CELLS",
     "cell_grid",
+    "check_plane_size",
     "has_cell_grid",
     "occupancy_grid",
     "occupancy_values",
@@ -68,6 +69,21 @@ def plane_messages(
             yield cell_grid(plane, messages)
 
     return make
+
+
+def check_plane_size(plane: Plane) -> None:
+    """Refuse a map that has too many cells for a message, or for memory.
+
+    Raises:
+        InputError: it has.
+    """
+    ny, nx = plane.shape
+    most = min(_MOST_CELLS, memory_limit() // _BYTES_A_CELL)
+    if ny * nx > most:
+        raise InputError(
+            f"a map of {nx} x {ny} cells, and a message holds {most} of them here: make it of a "
+            "coarser map, or crop it"
+        )
 
 
 def has_cell_grid(plane: Plane) -> bool:
@@ -110,13 +126,8 @@ def occupancy_grid(
     Raises:
         InputError: it has too many cells for a message, or for memory.
     """
+    check_plane_size(plane)
     ny, nx = plane.shape
-    most = min(_MOST_CELLS, memory_limit() // _BYTES_A_CELL)
-    if ny * nx > most:
-        raise InputError(
-            f"a map of {nx} x {ny} cells, and a message holds {most} of them here: make it of a "
-            "coarser map, or crop it"
-        )
     values = np.empty((ny, nx), np.int8)
     for rows, columns in windows((ny, nx)):
         part = plane.part(rows, columns)

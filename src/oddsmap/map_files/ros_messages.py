@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from oddsmap.errors import ConfigError
+from oddsmap.errors import ConfigError, InputError
 
-__all__ = ["MapHeader", "RosMessages", "TopicMessage", "check_header"]
+__all__ = ["MapHeader", "RosMessages", "TopicMessage", "check_data", "check_header"]
 
 # What rosbags does not bring along.
 _OCTOMAP = "std_msgs/Header header\nbool binary\nstring id\nfloat64 resolution\nint8[] data\n"
@@ -32,6 +32,8 @@ _NOT_ALL_HAVE = {
     "foxglove_msgs/msg/PackedElementField": _FIELD,
     "foxglove_msgs/msg/Grid": _GRID,
 }
+
+_MOST_BYTES = 2**31 - 1  # of one message: what all of ROS's middlewares take
 
 _LATEST_STAMP_S = 2**31 - 1  # seconds are an int32 in ROS 2
 
@@ -74,6 +76,19 @@ def check_header(header: MapHeader) -> None:
         raise ConfigError(
             f"--stamp is a time from 0 to {_LATEST_STAMP_S} s since 1970, which is what messages "
             f"can hold, got {header.stamp_ns / 1e9:.10g}"
+        )
+
+
+def check_data(topic: str, size: int) -> None:
+    """Refuse a message that is too long to be sent.
+
+    Raises:
+        InputError: it has more than 2^31 bytes.
+    """
+    if size > _MOST_BYTES:
+        raise InputError(
+            f"{topic}: {size / 1e9:.3g} GB in one message, which holds {_MOST_BYTES / 1e9:.3g} GB: "
+            "make it of a coarser map, or crop it"
         )
 
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from oddsmap.map_files.fields import CellPoints, Leaves
 from oddsmap.map_files.octomap_range import Shift
 from oddsmap.map_files.octomap_writer import write_nodes
-from oddsmap.map_files.ros_messages import RosMessages, TopicMessage
+from oddsmap.map_files.ros_messages import RosMessages, TopicMessage, check_data
 from oddsmap.odds import Thresholds
 
 __all__ = ["octomap_message", "point_message", "space_messages"]
@@ -58,13 +58,13 @@ def octomap_message(
     """
     file = BytesIO()
     write_nodes(leaves, file, binary=binary, thresholds=thresholds)
+    topic = "/octomap_binary" if binary else "/octomap_full"
     data = np.frombuffer(file.getbuffer(), np.int8)
+    check_data(topic, data.nbytes)
     message = messages.make(
         "octomap_msgs/Octomap", messages.header(), binary, "OcTree", float(leaves.resolution), data
     )
-    return TopicMessage(
-        "/octomap_binary" if binary else "/octomap_full", "octomap_msgs/msg/Octomap", message
-    )
+    return TopicMessage(topic, "octomap_msgs/msg/Octomap", message)
 
 
 def point_message(
@@ -97,6 +97,8 @@ def point_message(
         if some.hits is not None:
             points["hits"], points["passes"] = some.hits, some.passes
         parts.append(points)
+    topic = "/octomap_point_cloud_centers"
+    check_data(topic, sum(points.nbytes for points in parts))
     cloud = np.concatenate(parts) if parts else np.empty(0, kind)
     fields = [
         messages.make("sensor_msgs/PointField", name, 4 * k, _FLOAT32, 1)
@@ -106,4 +108,4 @@ def point_message(
         "sensor_msgs/PointCloud2", messages.header(), 1, len(cloud), fields, False, kind.itemsize,
         kind.itemsize * len(cloud), cloud.view(np.uint8), True,
     )  # fmt: skip
-    return TopicMessage("/octomap_point_cloud_centers", "sensor_msgs/msg/PointCloud2", message)
+    return TopicMessage(topic, "sensor_msgs/msg/PointCloud2", message)
