@@ -146,3 +146,26 @@ def test_memory_does_not_grow_with_the_cells(
     save(256)
     few, many = save(512), save(2048)
     assert many - few < 256 * (2048 - 512)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of files are of Unix")
+def test_a_full_disk_is_said(tmp_path: Path) -> None:
+    """GDAL writes its last blocks when a file is closed, and does not say what went wrong then."""
+    import resource
+    import signal
+
+    view = utm_map().log_odds()
+    view.save_geotiff(tmp_path / "whole.tif")
+    size = (tmp_path / "whole.tif").stat().st_size
+    (tmp_path / "whole.tif").unlink()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        for share in (0.05, 0.5, 0.9, 0.99):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (int(share * size), before[1]))
+            with pytest.raises(OutputError, match=r"a\.tif: cannot be written: "):
+                view.save_geotiff(tmp_path / "a.tif")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == []

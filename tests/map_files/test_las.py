@@ -112,3 +112,26 @@ def test_memory_does_not_grow_with_the_cells(tmp_path: Path) -> None:
     save(8)
     few, many = save(48), save(96)
     assert many - few < 16 * (96**3 - 48**3)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of files are of Unix")
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+def test_a_full_disk_is_said(tmp_path: Path, suffix: str) -> None:
+    import resource
+    import signal
+
+    view, path = space_map().log_odds(), tmp_path / f"a.{suffix}"
+    view.save_las(path)
+    size = path.stat().st_size
+    path.unlink()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        for most in (10, 500, size // 2, size - 1):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+            with pytest.raises(OutputError, match="cannot be written: "):
+                view.save_las(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == []

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -313,4 +314,22 @@ def test_a_message_has_room_for_so_many_bytes(
         monkeypatch.setattr("oddsmap.map_files.ros_messages._MOST_BYTES", most)
         with pytest.raises(oddsmap.InputError, match=f"{topic}: .* GB in one message"):
             space_map().log_odds().save_rosbag(tmp_path / "m.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of files are of Unix")
+@pytest.mark.parametrize("kind", OUTPUTS)
+def test_a_full_disk_is_said(tmp_path: Path, kind: BagKind) -> None:
+    import resource
+    import signal
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))
+        with pytest.raises(OutputError, match="cannot be written: "):
+            save_plane(tmp_path / OUTPUTS[kind], kind)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
     assert list(tmp_path.iterdir()) == []

@@ -7,8 +7,11 @@ Source: OGC 19-008r4, GeoTIFF 1.1; GDAL's driver GTiff.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +23,8 @@ from oddsmap.map_files.fields import Plane, PlanePart
 from oddsmap.map_files.plane import windows
 
 __all__ = ["checked_crs", "save_geotiff"]
+
+Span: TypeAlias = tuple[int, int]
 
 _TILE = 256
 _MOST_CELLS = 1 << 34  # take half an hour; two places far from each other span more than that
@@ -33,7 +38,7 @@ def save_geotiff(
 
     Band 1, `probability`, is p(occupied), NaN where unknown. Where the map has counts, bands 2 and
     3 are `hits` and `passes` [votes], 0 where unknown. The first row is the highest y. Written in
-    windows of a million cells.
+    windows of a million cells, and read back before it takes its place.
 
     Args:
         plane: the map.
@@ -71,15 +76,24 @@ def save_geotiff(
     with (
         atomic_output(path, force=force) as part,
         rasterio.Env(GDAL_CACHEMAX=_CACHE_MB),
-        rasterio.open(part, "w", **profile) as file,
+        _faults_of_gdal(),
     ):
-        file.update_tags(AREA_OR_POINT="Area", SOFTWARE="oddsmap")
-        for number, name in enumerate(names, 1):
-            file.set_band_description(number, name)
-        for rows, columns in windows((ny, nx), from_top=True):
-            bands = _bands(plane.part(rows, columns))
-            window = ((ny - rows[1], ny - rows[0]), columns)
-            file.write(bands[: len(names), ::-1], window=window)
+        sums = []
+        with rasterio.open(part, "w", **profile) as file:
+            file.update_tags(AREA_OR_POINT="Area", SOFTWARE="oddsmap")
+            for number, name in enumerate(names, 1):
+                file.set_band_description(number, name)
+            for rows, columns in windows((ny, nx), from_top=True):
+                bands = _bands(plane.part(rows, columns))[: len(names), ::-1]
+                file.write(bands, window=_window(ny, rows, columns))
+                sums.append(crc32(bands.tobytes()))
+        # The last blocks are written on closing, and GDAL says nothing where there is no room.
+        with rasterio.open(part) as file:
+            for (rows, columns), expected in zip(
+                windows((ny, nx), from_top=True), sums, strict=True
+            ):
+                if crc32(file.read(window=_window(ny, rows, columns)).tobytes()) != expected:
+                    raise OSError("it is not what was written: is the disk full?")
     return path
 
 
@@ -111,6 +125,26 @@ def checked_crs(crs: str | None) -> Any:
     if not math.isclose(metres, 1.0, rel_tol=1e-9):
         raise ConfigError(f"--crs {crs}: counts in {name}, and the map is in metres")
     return found
+
+
+@contextmanager
+def _faults_of_gdal() -> Iterator[None]:
+    """Turn what GDAL could not write into an error of the system, as other files have them.
+
+    Raises:
+        OSError: it could not.
+    """
+    from rasterio.errors import RasterioError
+
+    try:
+        yield
+    except RasterioError as error:
+        raise OSError(str(error.__cause__ or error)) from None
+
+
+def _window(ny: int, rows: Span, columns: Span) -> tuple[Span, Span]:
+    """Rows of the image, of which the first is the top, and columns."""
+    return (ny - rows[1], ny - rows[0]), columns
 
 
 def _rasterio() -> Any:

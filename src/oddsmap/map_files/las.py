@@ -6,6 +6,7 @@ Source: ASPRS, LAS specification 1.4, R15; the package laspy.
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.map_files.fields import CellPoints
+from oddsmap.map_files.fields import CellPoints, PointPart
 from oddsmap.odds import Thresholds
 
 __all__ = ["save_las"]
@@ -62,31 +63,46 @@ def save_las(
     path = Path(path)
     if path.suffix.lower() not in (".las", ".laz"):
         raise ConfigError(f"{path}: points of this kind are named .las or .laz")
-    header = _header(cells, path, crs)
-    check_output(path, force=force)
     compressed = path.suffix.lower() == ".laz"
+    header = _header(cells, path, crs)
+    faults = _errors_of_laz() if compressed else ()
+    check_output(path, force=force)
     import laspy
 
-    with (
-        atomic_output(path, force=force) as part,
-        part.open("w+b") as file,
-        laspy.open(file, "w", header=header, do_compress=compressed, closefd=False) as writer,
-    ):
-        for some in cells.points((thresholds or Thresholds()).occupied):
-            record = laspy.ScaleAwarePointRecord.zeros(len(some.side), header=header)
-            for axis, name in enumerate("XYZ"):
-                halves = (some.centre[:, axis] - header.offsets[axis]) / header.scales[axis]
-                record[name] = np.rint(halves).astype(np.int32)
-            record["return_number"] = record["number_of_returns"] = np.ones(len(record), np.uint8)
-            for (name, _), values in zip(_DIMENSIONS, _of_cells(some), strict=True):
-                if values is not None:
-                    record[name] = values
-            writer.write_points(record)
+    with atomic_output(path, force=force) as part, part.open("w+b") as file:
+        try:
+            with laspy.open(
+                file, "w", header=header, do_compress=compressed, closefd=False
+            ) as writer:
+                for some in cells.points((thresholds or Thresholds()).occupied):
+                    writer.write_points(_record(some, header))
+        except faults as error:  # the disk is full
+            raise OSError(str(error)) from None
     return path
 
 
-def _of_cells(some: Any) -> tuple[Any, ...]:
-    return some.probability, some.side, some.hits, some.passes
+def _record(some: PointPart, header: Any) -> Any:
+    import laspy
+
+    record = laspy.ScaleAwarePointRecord.zeros(len(some.side), header=header)
+    for axis, name in enumerate("XYZ"):
+        halves = (some.centre[:, axis] - header.offsets[axis]) / header.scales[axis]
+        record[name] = np.rint(halves).astype(np.int32)
+    record["return_number"] = record["number_of_returns"] = np.ones(len(record), np.uint8)
+    values = (some.probability, some.side, some.hits, some.passes)
+    for (name, _), column in zip(_DIMENSIONS, values, strict=True):
+        if column is not None:
+            record[name] = column
+    return record
+
+
+def _errors_of_laz() -> tuple[type[Exception], ...]:
+    """What the compressor raises."""
+    try:
+        lazrs = import_module("lazrs")  # has no types
+    except ImportError:
+        raise ConfigError('LAZ is written with lazrs: pip install "oddsmap[survey]"') from None
+    return (lazrs.LazrsError,)
 
 
 def _header(cells: CellPoints, path: Path, crs: str | None) -> Any:

@@ -10,6 +10,7 @@ Source: the package rosbags, https://ternaris.gitlab.io/rosbags/
 from __future__ import annotations
 
 import shutil
+import sqlite3
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -107,12 +108,16 @@ def _write_second(
     writer.set_custom_data(*_OURS)
     if mcap:
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    with writer:
-        for each in made:
-            connection = writer.add_connection(
-                each.topic, each.type, typestore=messages.store, offered_qos_profiles=[_latched()]
-            )
-            writer.write(connection, stamp_ns, messages.serialized(each))
+    try:
+        with writer:
+            for each in made:
+                connection = writer.add_connection(
+                    each.topic, each.type, typestore=messages.store,
+                    offered_qos_profiles=[_latched()],
+                )  # fmt: skip
+                writer.write(connection, stamp_ns, messages.serialized(each))
+    except sqlite3.Error as error:  # the disk is full
+        raise OSError(str(error)) from None
 
 
 def _write_first(
