@@ -134,6 +134,10 @@ def _add_crs(header: Any, crs: str | None) -> None:
     from oddsmap.map_files.geotiff import checked_crs
 
     checked_crs(crs)
-    import pyproj
-
+    try:
+        import pyproj
+    except ImportError:
+        raise ConfigError(
+            '--crs of a LAS is written with pyproj: pip install "oddsmap[geo]"'
+        ) from None
     header.add_crs(pyproj.CRS.from_user_input(crs))
