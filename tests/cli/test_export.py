@@ -59,7 +59,7 @@ def test_png(run: Run, saved: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["x.tiff"], "the suffix says what to write"),
+        (["x.gif"], "the suffix says what to write"),
         (["x.npz", "--prior", "2"], "prior is a probability"),
         (["x.npz", "--prior", "other.zarr"], "neither a number nor a file"),
         (["x.npz", "--p-hit", "0.3"], "p_miss < 0.5 < p_hit"),

@@ -55,3 +55,22 @@ def test_thresholds_and_names(tmp_path: Path) -> None:
     with pytest.raises(oddsmap.OutputError, match="exists already"):
         view.save_ply(tmp_path / "map.ply")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["map.ply", "none.ply"]
+
+
+def test_counts(tmp_path: Path) -> None:
+    grid = oddsmap.EvidenceMap(0.1, ndim=3)
+    # Of the second cell votes are in parts; the third lies beyond OctoMap's keys.
+    index = np.array([[0, 0, 0], [1, 0, 0], [5_000_000, 0, 0], [2, 2, 2]])
+    hits = np.array([7 * 65536, 3 * 65536 + 32768, 2 * 65536, 0])
+    grid.add_cells(index, hits, np.array([65536, 0, 0, 9 * 65536]))
+    grid.log_odds().save_ply(tmp_path / "map.ply")
+    points, lines = read_ply(tmp_path / "map.ply")
+    assert "property float hits" in lines
+    order = np.argsort(points["x"])
+    assert points["x"][order] == pytest.approx([0.05, 0.15, 500_000.05], abs=1e-6)
+    assert points["hits"][order].tolist() == [7.0, 3.5, 2.0]
+    assert points["passes"][order].tolist() == [1.0, 0.0, 0.0]
+    expected = grid.log_odds().cells()[1]
+    assert np.sort(points["probability"]) == pytest.approx(np.sort(expected[expected >= 0.65]))
+    with pytest.raises(oddsmap.InputError, match="needs a 3D map"):
+        oddsmap.EvidenceMap(0.1).log_odds().save_ply(tmp_path / "flat.ply")

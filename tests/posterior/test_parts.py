@@ -14,13 +14,16 @@ import pytest
 
 import oddsmap
 from oddsmap.evidence import octree_order, tiles
+from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.units import ONE
+from oddsmap.map_files.octomap_range import shift_of
 from oddsmap.map_files.octomap_writer import save_octomap
 from oddsmap.map_files.ply import save_ply
 from oddsmap.odds import sigmoid
 from oddsmap.posterior import reflection
 from oddsmap.posterior.beta import beta_interval
 from oddsmap.posterior.tile_leaves import TileLeaves
+from tests.map_files.test_ply_writer import read_ply
 
 
 def noise(
@@ -77,16 +80,44 @@ def test_files_of_space(name: str, tmp_path: Path) -> None:
     assert streamed == (name not in ("tiles that are no nodes", "beyond an OctoMap"))
     view.save_ply(tmp_path / "a.ply")
     save_ply(whole, tmp_path / "b.ply", thresholds=view.thresholds)
-    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+    points, plain = (read_ply(tmp_path / name)[0] for name in ("a.ply", "b.ply"))
+    order, rows = (np.lexsort([some[name] for name in "xyz"]) for some in (plain, points))
+    assert rows.tolist() == list(range(len(points)))
+    for field in plain.dtype.names or ():
+        assert np.array_equal(points[field], plain[field][order])
+    cells = np.stack([np.floor(points[name] / view.resolution) for name in "xyz"], axis=1)
+    hits, passes = units_at(view.evidence, cells.astype(np.int64))
+    assert np.array_equal(points["hits"], (hits / ONE).astype(np.float32))
+    assert np.array_equal(points["passes"], (passes / ONE).astype(np.float32))
     if name == "beyond an OctoMap":
-        with pytest.raises(oddsmap.InputError, match="crop to"):
+        with pytest.raises(oddsmap.InputError, match="--shift 10000 10000 10000 moves"):
             view.save_octomap(tmp_path / "a.bt")
+        _check_moved(view, tmp_path)
         return
     for suffix, clamp in ((".bt", None), (".ot", None), (".ot", (0.1192, 0.971))):
         one, other = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
         view.save_octomap(one, clamp=clamp, force=True)
         save_octomap(whole, other, clamp=clamp, thresholds=view.thresholds, force=True)
         assert one.read_bytes() == other.read_bytes()
+
+
+def _check_moved(view: oddsmap.LogOdds, folder: Path) -> None:
+    """A map that was moved by whole tiles or cells is the file of the same map at the origin."""
+    for cells in (40_000, 39_997):  # whole tiles, and not
+        metres = cells * view.resolution
+        index, hits, passes = view.evidence.cells()
+        near = oddsmap.EvidenceMap(view.resolution, ndim=3)
+        near.add_cells(index - cells, hits, passes)
+        moved = view.leaves(shift_of((metres,) * 3, view.resolution))
+        assert isinstance(moved, TileLeaves) == (cells % 8 == 0)
+        for suffix in (".bt", ".ot"):
+            one, other = folder / f"a{suffix}", folder / f"b{suffix}"
+            view.save_octomap(one, shift=(metres,) * 3, force=True)
+            near.log_odds().save_octomap(other, force=True)
+            words = f"# shifted: add {metres:g} {metres:g} {metres:g} [m] to get the coordinates"
+            assert words.encode() in one.read_bytes()
+            nodes = [path.read_bytes().split(b"id OcTree")[1] for path in (one, other)]
+            assert nodes[0] == nodes[1]
 
 
 @pytest.mark.parametrize("name", VIEWS)

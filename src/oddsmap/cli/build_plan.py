@@ -16,7 +16,10 @@ from oddsmap.cli.setting_layers import Layer, SettingLayers, read_layers
 
 __all__ = ["EXPORTED", "BuildPlan", "MapSettings"]
 
-EXPORTED = (".yaml", ".yml", ".png", ".npz", ".bt", ".ot", ".ply")
+EXPORTED = (
+    ".yaml", ".yml", ".mcap", ".bag", ".png", ".npz", ".tif", ".tiff", ".bt", ".ot", ".ply", ".las",
+    ".laz",
+)  # fmt: skip
 """The suffixes of what `oddsmap export` makes of a map."""
 
 

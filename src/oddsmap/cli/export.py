@@ -19,12 +19,26 @@ from oddsmap.cli.written import Written
 
 __all__ = ["HELP", "export"]
 
-HELP = """Write a map as a ROS map, a picture, arrays, an OctoMap or points: OUT's suffix decides.
+HELP = """Write a map as what other software reads: OUT's suffix decides.
+
+\b
+  .yaml             ROS map_server: YAML and an image
+  .mcap             messages of ROS 2, for RViz and Foxglove; .bag: of ROS 1
+  .png              a picture
+  .npz              arrays
+  .tif              GeoTIFF, for QGIS and other GIS
+  .bt .ot           OctoMap (3D)
+  .las .laz .ply    the occupied cells as points (3D)
 
 \b
   oddsmap export intel.zarr intel.yaml    ROS map_server: YAML and PGM
   oddsmap export intel.zarr intel.yaml --mode scale
                                           the same with probabilities, as PNG
+  oddsmap export intel.zarr intel.mcap    nav_msgs/OccupancyGrid on /map
+  oddsmap export intel.zarr bag_of_intel --format ros2-bag
+                                          the same, for ros2 bag play
+  oddsmap export yard.zarr yard.tif --crs EPSG:32632
+                                          GeoTIFF: probability, hits, passes
   oddsmap export intel.zarr intel.png     a picture with axes in metres
   oddsmap export intel.zarr intel.npz --prior 0.2
                                           cells, counts and probabilities
@@ -39,10 +53,18 @@ intervals:
     --show interval-width --level 0.8
 
 \b
+MAP may also be the YAML of a ROS map:
+  oddsmap export old.yaml old.tif
+
+\b
 3D maps (MAP may also be an OctoMap):
   oddsmap export hall.zarr hall.bt        OctoMap: free and occupied;
                                           .ot: log odds
-  oddsmap export hall.zarr hall.ply       the occupied cells as points
+  oddsmap export utm.zarr utm.bt --shift 500000 5400000 0
+                                          that point becomes the origin
+  oddsmap export hall.zarr hall.laz       the occupied cells as points;
+                                          also .las, .ply
+  oddsmap export hall.zarr hall.mcap      OctoMaps and points for RViz
   oddsmap export hall.zarr hall.yaml --z-min 0.2 --z-max 1.8 --ground relative
 """
 
@@ -54,11 +76,27 @@ def complete_view(incomplete: str) -> list[str]:
 
 def export(
     source: Annotated[
-        Path, typer.Argument(metavar="MAP", help="A saved map (.zarr) or an OctoMap (.bt, .ot).")
+        Path,
+        typer.Argument(
+            metavar="MAP",
+            help="A saved map (.zarr), an OctoMap (.bt, .ot) or a ROS map (.yaml).",
+        ),
     ],
     output: Annotated[
-        Path, typer.Argument(metavar="OUT", help=".yaml, .png, .npz, .bt, .ot or .ply")
+        Path,
+        typer.Argument(
+            metavar="OUT",
+            help=".yaml, .mcap, .bag, .png, .npz, .tif, .bt, .ot, .ply, .las or .laz",
+        ),
     ],
+    format_: Annotated[
+        Literal["ros2-bag"] | None,
+        typer.Option(
+            "--format",
+            help="What no suffix says: ros2-bag is a folder with metadata.yaml. By default OUT's "
+            "suffix decides.",
+        ),
+    ] = None,
     mode: Annotated[
         Literal["trinary", "scale", "raw"] | None,
         typer.Option(
@@ -121,6 +159,33 @@ def export(
             help="Bounds of p in an .ot, by default none; OctoMap's own are 0.1192 0.971.",
         ),
     ] = None,
+    shift: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="METRES METRES METRES",
+            help="OctoMap: the point of the map that becomes the origin [m], whole cells away, by "
+            "default its own; add it to get the map's coordinates back.",
+        ),
+    ] = None,
+    crs: Annotated[
+        str | None,
+        typer.Option(
+            metavar="CRS",
+            help=".tif, .las, .laz: what the coordinates are in, such as EPSG:32632; by default "
+            "not said.",
+        ),
+    ] = None,
+    frame: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Messages of ROS: the map's frame, by default map."),
+    ] = None,
+    stamp: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Messages of ROS: the map's time since 1970, by default map.t_ref_ns, or 0.",
+        ),
+    ] = None,
     show: Annotated[
         Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-above", "p-pass"]
         | None,
@@ -155,24 +220,25 @@ def export(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Write a map as a ROS map, a picture, arrays, an OctoMap or points: see `HELP`."""
+    """Write a map as what other software reads: see `HELP`."""
     voice = Voice(quiet=quiet, verbose=verbose)
     stated = {
         name: value
         for name, value in {
-            "mode": mode, "prior": prior, "p_hit": p_hit, "p_miss": p_miss, "z_min": z_min,
+            "format": format_, "mode": mode, "shift": shift, "crs": crs, "frame": frame,
+            "stamp": stamp, "prior": prior, "p_hit": p_hit, "p_miss": p_miss, "z_min": z_min,
             "z_max": z_max, "ground": ground, "clamp": clamp, "show": show, "level": level,
             "interval": interval, "threshold": threshold, "beta_a": beta_a, "beta_b": beta_b,
         }.items()
         if value is not None
     }  # fmt: skip
     view = _view_of(posterior, stated)
-    _check_suffix(output, mode)
+    _check_suffix(output, stated)
     with working(f"writing {output.name}", quiet=voice.still):
         written = view.write(source, output, stated, force, voice)
     voice.say(f"wrote    {', '.join(str(path) for path in written.files)}")
-    if written.note is not None:
-        voice.say(f"note     {written.note}")
+    for note in written.notes:
+        voice.say(f"note     {note}")
 
 
 class _View(NamedTuple):
@@ -182,10 +248,12 @@ class _View(NamedTuple):
     options: frozenset[str]
 
 
+_OF_FILES = ("format", "mode", "clamp", "shift", "crs", "frame", "stamp")
+
 _VIEWS = {
     "log-odds": _View(
         write_log_odds,
-        frozenset({"mode", "prior", "p_hit", "p_miss", "z_min", "z_max", "ground", "clamp"}),
+        frozenset({*_OF_FILES, "prior", "p_hit", "p_miss", "z_min", "z_max", "ground"}),
     ),
     "reflection": _View(
         write_reflection,
@@ -214,15 +282,24 @@ def _view_of(posterior: str, stated: Mapping[str, Any]) -> _View:
     return view
 
 
-def _check_suffix(output: Path, mode: str | None) -> None:
+def _check_suffix(output: Path, stated: Mapping[str, Any]) -> None:
+    from oddsmap.cli.export_formats import check_format_options, kind_of
     from oddsmap.cli.files import check_suffix
     from oddsmap.errors import ConfigError
 
+    if "format" in stated:
+        if output.suffix.lower() in EXPORTED:
+            raise ConfigError(
+                f"{output}: --format ros2-bag makes a folder, and {output.suffix} is a file's "
+                "suffix: leave one of them out"
+            )
+        return
     check_suffix(
         output,
         EXPORTED,
-        "the suffix says what to write: .yaml (ROS map), .png (picture), .npz (arrays), .bt or .ot "
-        "(OctoMap), .ply (points)",
+        "the suffix says what to write: .yaml (ROS map), .mcap or .bag (messages of ROS), .png "
+        "(picture), .npz (arrays), .tif (GeoTIFF), .bt or .ot (OctoMap), .ply, .las or .laz "
+        "(points); --format ros2-bag makes a folder",
     )
-    if mode is not None and output.suffix.lower() not in (".yaml", ".yml"):
-        raise ConfigError(f"--mode says how a ROS map is written, not {output.name}")
+    mode = {name: value for name, value in stated.items() if name == "mode"}
+    check_format_options(output, kind_of(output, stated), mode)

@@ -20,6 +20,7 @@ def check_files(
     *,
     force: bool,
     is_map: bool = False,
+    is_bag: bool = False,
 ) -> None:
     """Check that what is read is there, and what is written may be.
 
@@ -28,6 +29,7 @@ def check_files(
         write: the output, if there is one.
         force: whether it may replace another.
         is_map: whether it is a map's folder.
+        is_bag: whether it is the folder of a ROS 2 bag.
 
     Raises:
         InputError: there is no such file, or it may not be read.
@@ -36,6 +38,7 @@ def check_files(
     """
     from oddsmap.atomic_write import check_output
     from oddsmap.errors import ConfigError
+    from oddsmap.map_files.ros_bag import check_bag_output
     from oddsmap.map_files.zarr_folder import check_map_output
 
     inputs = [path for path in read if path is not None]
@@ -45,7 +48,10 @@ def check_files(
         return
     if write.exists() and any(write.samefile(path) for path in inputs):
         raise ConfigError(f"{write}: is the input; give another name to write to")
-    (check_map_output if is_map else check_output)(write, force=force)
+    if is_bag:
+        check_bag_output(write, "ros2-bag", force=force)
+    else:
+        (check_map_output if is_map else check_output)(write, force=force)
 
 
 def _check_input(path: Path) -> None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from oddsmap.array_types import IntArray
     from oddsmap.evidence.saved_totals import SavedTotals
     from oddsmap.full_map.full_map import FullMap
+    from oddsmap.map_files.ros_reader import RosGrid
     from oddsmap.maps.voxel_map import VoxelMap
     from oddsmap.scans.log import Log
 
@@ -39,12 +40,16 @@ HELP = """Say what is in a log or in a map.
   oddsmap info intel.log.gz
   oddsmap info intel.zarr --json
   oddsmap info hall.bt
+  oddsmap info depot.yaml                 a ROS map
 """
 
 
 def info(
     path: Annotated[
-        Path, typer.Argument(metavar="PATH", help="A log, a saved map, or an OctoMap.")
+        Path,
+        typer.Argument(
+            metavar="PATH", help="A log, a saved map, an OctoMap, or a ROS map (.yaml)."
+        ),
     ],
     poses: Poses = None,
     points_in: PointsIn = None,
@@ -69,6 +74,7 @@ def info(
 
 
 def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any]:
+    from oddsmap.cli.export_sources import check_no_image, is_ros_map
     from oddsmap.full_map.store import is_full_map
     from oddsmap.map_files.octomap_reader import is_octomap
     from oddsmap.map_files.zarr_snapshot import holds
@@ -87,6 +93,11 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
             from oddsmap.maps.voxel_map import load_octomap
 
             return _of_octomap(load_octomap(path), path)
+        check_no_image(path)
+        if is_ros_map(path):
+            from oddsmap.map_files.ros_reader import read_ros
+
+            return _of_ros_map(read_ros(path), path)
         if is_recording(str(path)):
             from oddsmap.errors import ConfigError
             from oddsmap.recordings.ros_recording import open_ros_recording
@@ -266,3 +277,30 @@ def _of_octomap(voxels: VoxelMap, path: Path) -> dict[str, Any]:
         f"{size * voxels.resolution:g} m": int(n) for size, n in zip(sizes, counts, strict=True)
     }
     return facts | _extent(voxels.bounds(), voxels.resolution)
+
+
+def _of_ros_map(grid: RosGrid, path: Path) -> dict[str, Any]:
+    import math
+
+    import numpy as np
+
+    from oddsmap.odds import State, Thresholds
+
+    state = Thresholds().state(grid.probability, grid.observed)
+    ny, nx = state.shape
+    facts: dict[str, Any] = {
+        "map": str(path),
+        "format": "ROS map",
+        "mode": grid.mode,
+        "resolution": grid.resolution,
+        "columns": nx,
+        "rows": ny,
+        "size [m]": {"x": nx * grid.resolution, "y": ny * grid.resolution},
+        "origin [m]": {"x": grid.origin[0], "y": grid.origin[1]},
+        "yaw [deg]": math.degrees(grid.yaw),
+        "cells known": int(np.count_nonzero(grid.observed)),
+    }
+    for kind in State:
+        count = int(np.count_nonzero(state == kind))
+        facts[kind.name.lower()] = {"cells": count, "percent": round(100 * count / state.size, 2)}
+    return facts | ({"notes": list(grid.notes)} if grid.notes else {})

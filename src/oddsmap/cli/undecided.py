@@ -10,7 +10,8 @@ from oddsmap.odds import State, Thresholds, logit, sigmoid
 
 if TYPE_CHECKING:
     from oddsmap.array_types import FloatArray
-    from oddsmap.maps.probability_map import ProbabilityMap
+    from oddsmap.cli.export_sources import Source
+    from oddsmap.map_files.fields import Plane
     from oddsmap.maps.voxel_map import VoxelMap
     from oddsmap.posterior.belief import Belief
 
@@ -20,22 +21,31 @@ __all__ = ["undecided_in_plane", "undecided_in_points"]
 _NOTABLE = 0.3
 
 
-def undecided_in_plane(
-    grid: ProbabilityMap, thresholds: Thresholds | None, view: Belief | VoxelMap
-) -> str | None:
+def undecided_in_plane(plane: Plane, thresholds: Thresholds | None, view: Source) -> str | None:
     """What to say of a ROS map that knows free, occupied and unknown alone.
 
     Args:
-        grid: what is written.
+        plane: what is written.
         thresholds: what is free and what is occupied in it.
-        view: what the grid was made of.
+        view: what it was made of.
     """
+    import numpy as np
+
+    from oddsmap.map_files.plane import windows
+
     limits = thresholds or Thresholds()
-    undecided = grid.state(thresholds=limits) == State.UNDECIDED
-    count, seen = int(undecided.sum()), int(grid.observed.sum())
+    seen, undecided = 0, []
+    for rows, columns in windows(plane.shape):
+        part = plane.part(rows, columns)
+        if not part.observed.any():
+            continue
+        state = limits.state(part.probability, part.observed)
+        undecided.append(part.probability[state == State.UNDECIDED])
+        seen += int(np.count_nonzero(part.observed))
+    count = sum(map(len, undecided))
     if count < _NOTABLE * seen or count == 0:
         return None
-    cause = _fewer_passes(grid.probability[undecided], limits, view) or (
+    cause = _fewer_passes(np.concatenate(undecided), limits, view) or (
         ". More scans decide them, or posterior.free and posterior.occupied when a map is built"
     )
     return (
@@ -52,11 +62,10 @@ def undecided_in_points(view: Belief | VoxelMap) -> str | None:
     from oddsmap.posterior.belief import Belief
 
     limits = view.thresholds if isinstance(view, Belief) else Thresholds()
-    leaves = view.leaves() if isinstance(view, Belief) else view
     likely = written = 0
-    for part in leaves.parts(sigmoid):
-        likely += int(np.count_nonzero(part.value >= 0.5))
-        written += int(np.count_nonzero(part.value >= limits.occupied))
+    for part in view.points(0.5):
+        likely += len(part.probability)
+        written += int(np.count_nonzero(part.probability >= limits.occupied))
     left = likely - written
     if left < _NOTABLE * likely or left <= 0:
         return None
@@ -66,7 +75,7 @@ def undecided_in_points(view: Belief | VoxelMap) -> str | None:
     )
 
 
-def _fewer_passes(p: FloatArray, limits: Thresholds, view: Belief | VoxelMap) -> str | None:
+def _fewer_passes(p: FloatArray, limits: Thresholds, view: Source) -> str | None:
     """How few passes are the cause, and the --p-miss that mends it, where that is so."""
     import numpy as np
 

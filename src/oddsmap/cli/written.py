@@ -13,4 +13,4 @@ class Written(NamedTuple):
     """The files of an export, and what to know of them."""
 
     files: list[Path]
-    note: str | None = None
+    notes: tuple[str, ...] = ()

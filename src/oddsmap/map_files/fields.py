@@ -11,7 +11,16 @@ import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray, IntArray
 
-__all__ = ["Grid", "LeafPart", "Leaves", "OfLogOdds"]
+__all__ = [
+    "CellPoints",
+    "Grid",
+    "LeafPart",
+    "Leaves",
+    "OfLogOdds",
+    "Plane",
+    "PlanePart",
+    "PointPart",
+]
 
 
 class Grid(Protocol):
@@ -36,6 +45,79 @@ class Grid(Protocol):
     @property
     def yaw(self) -> float:
         """Rotation of the grid about that corner [rad]."""
+
+
+class PlanePart(NamedTuple):
+    """Some cells of a plane, shape (ny, nx) each, row = y ascending."""
+
+    probability: FloatArray
+    """p(occupied); of no meaning where not observed."""
+    observed: BoolArray
+    """True where there was evidence."""
+    hits: FloatArray | None
+    """Weights of the hits [votes]; None where the map has no counts."""
+    passes: FloatArray | None
+    """Weights of the passes [votes]; None where the map has no counts."""
+
+
+class Plane(Protocol):
+    """A rectangle of cells that is asked for in parts, so that no file needs all of it at once."""
+
+    @property
+    def resolution(self) -> float:
+        """Side of a cell [m]."""
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Lower left corner of its first cell in the map frame [m]."""
+
+    @property
+    def yaw(self) -> float:
+        """Rotation of the grid about that corner [rad]."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+
+    @property
+    def has_counts(self) -> bool:
+        """Whether its parts hold hits and passes."""
+
+    def part(self, rows: tuple[int, int], columns: tuple[int, int]) -> PlanePart:
+        """The cells of some rows and columns, first and past the last; row 0 is the lowest y."""
+
+
+class PointPart(NamedTuple):
+    """Some cells of a map as points."""
+
+    centre: FloatArray
+    """In the map frame [m], shape (n, 3)."""
+    side: FloatArray
+    """Of the cube [m], shape (n,)."""
+    probability: FloatArray
+    """p(occupied), shape (n,)."""
+    hits: FloatArray | None
+    """Weights of the hits [votes], shape (n,); None where the map has no counts."""
+    passes: FloatArray | None
+    """Weights of the passes [votes], shape (n,); None where the map has no counts."""
+
+
+class CellPoints(Protocol):
+    """The cells of a 3D map as points, some at a time."""
+
+    @property
+    def resolution(self) -> float:
+        """Side of a cell [m]."""
+
+    @property
+    def has_counts(self) -> bool:
+        """Whether its parts hold hits and passes."""
+
+    def bounds(self) -> tuple[IntArray, IntArray] | None:
+        """The box of known cells: first index and past the last, shape (3,); None if empty."""
+
+    def points(self, least: float) -> Iterator[PointPart]:
+        """The cells of at least this probability."""
 
 
 class Leaves(Protocol):

@@ -62,6 +62,7 @@ def save_npz(
     observed: npt.NDArray[np.bool_] | Column,
     resolution: float,
     extra: Mapping[str, npt.NDArray[np.floating] | Column] | None = None,
+    origin: tuple[float, float, float] | None = None,
     force: bool = False,
 ) -> Path:
     """Write one row per cell to a compressed `.npz`, under the names of the arguments.
@@ -78,6 +79,8 @@ def save_npz(
         observed: True where there was evidence, shape (n,); stored as bool.
         resolution: side of a cell [m]; stored as float64, shape ().
         extra: more columns of a posterior by name, shape (n,); stored as float32.
+        origin: x, y [m] and yaw [rad] of the corner from which the indices of a 2D map count,
+            stored as float64; None: they count from the map frame's origin, and nothing is stored.
         force: True where an existing file may be replaced.
 
     Returns:
@@ -111,8 +114,10 @@ def save_npz(
         "resolution": _column(np.float64(resolution), np.float64),
         **{name: _column(values, np.float32) for name, values in (extra or {}).items()},
     }
+    if origin is not None:
+        columns["origin"] = _column(np.array(origin, np.float64), np.float64)
     for name, (column, _) in columns.items():
-        if name not in ("index", "resolution") and column.shape != index.shape[:1]:
+        if name not in ("index", "resolution", "origin") and column.shape != index.shape[:1]:
             raise InputError(
                 f"{path}: {name} must have shape ({index.shape[0]},) like index, got {column.shape}"
             )

@@ -20,7 +20,8 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError, shown
 from oddsmap.limits import check_content_size
 from oddsmap.map_files.morton import unmorton
-from oddsmap.map_files.octomap_writer import HALF, NODE, OCTOMAP_CLAMP
+from oddsmap.map_files.octomap_range import HALF
+from oddsmap.map_files.octomap_writer import NODE, OCTOMAP_CLAMP
 from oddsmap.odds import logit
 
 __all__ = ["OctoMapLeaves", "is_octomap", "read_octomap"]

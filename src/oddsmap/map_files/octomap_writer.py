@@ -11,21 +11,20 @@ OcTreeBaseImpl.hxx (writeNodesRecurs), AbstractOcTree.cpp (the header).
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.atomic_write import atomic_output, check_output
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import ConfigError
 from oddsmap.map_files.fields import Leaves, OfLogOdds
 from oddsmap.map_files.front import put_in_front
+from oddsmap.map_files.octomap_range import HALF, Shift, check_keys
 from oddsmap.odds import State, Thresholds, logit, sigmoid
 
-__all__ = ["HALF", "NODE", "OCTOMAP_CLAMP", "save_octomap"]
-
-HALF = 1 << 15
-"""The key of cell 0: an OctoMap has this many cells on each side of the origin."""
+__all__ = ["HALF", "NODE", "OCTOMAP_CLAMP", "save_octomap", "write_nodes"]
 
 OCTOMAP_CLAMP = (0.1192, 0.971)
 """The probabilities to which OctoMap clamps by default: -2 and 3.5 in log odds."""
@@ -44,6 +43,7 @@ def save_octomap(
     *,
     clamp: tuple[float, float] | None = None,
     thresholds: Thresholds | None = None,
+    shift: Shift | None = None,
     force: bool = False,
 ) -> Path:
     """Write a map as OctoMap writes it; the suffix says which of the two formats.
@@ -62,6 +62,8 @@ def save_octomap(
         path: the file to write, named `.bt` or `.ot`.
         clamp: lowest and highest probability written to an `.ot`; None: as they are.
         thresholds: what is free and what is occupied in a `.bt`; by default 0.196, 0.65.
+        shift: the point of the map that is the origin of the leaves given, which a comment in the
+            file names; None: the map's own.
         force: True where an existing file may be replaced.
 
     Returns:
@@ -72,28 +74,50 @@ def save_octomap(
         ConfigError: the suffix is another, or `clamp` is not two probabilities around 0.5.
         OutputError: the file exists already or cannot be written.
     """
-    from oddsmap.map_files.octomap_nodes import NodeFile
-
     path = Path(path)
     binary = path.suffix == ".bt"
     if path.suffix not in (".bt", ".ot"):
         raise ConfigError(f"{path}: an OctoMap is named .bt (free or occupied) or .ot (log odds)")
     check_output(path, force=force)
-    _check_bounds(voxels, path)
-    value_of = _sign(thresholds or Thresholds()) if binary else _clamped(clamp, path)
+    check_keys(path, voxels.bounds(), voxels.resolution)
+    if clamp is not None:
+        _check_clamp(clamp, path)
+    moved = "" if shift is None or not shift.cells.any() else f"# {shift.words()}\n"
     with atomic_output(path, force=force) as part, part.open("w+b") as file:
-        nodes = NodeFile(file, _PAIRS if binary else NODE)
-        # Inside the bounds codes are counted from OctoMap's first key.
-        for leaves in voxels.parts(value_of):
-            nodes.add(*leaves)
-        nodes.finish()
+        count = write_nodes(voxels, file, binary=binary, clamp=clamp, thresholds=thresholds)
         header = (
-            f"# Octomap OcTree {'binary ' if binary else ''}file\n{_COMMENT}"
+            f"# Octomap OcTree {'binary ' if binary else ''}file\n{_COMMENT}{moved}"
             # All digits: OctoMap's own writer keeps 6, so that cells of 1/3 m come back smaller.
-            f"id OcTree\nsize {nodes.count}\nres {float(voxels.resolution)!r}\ndata\n"
+            f"id OcTree\nsize {count}\nres {float(voxels.resolution)!r}\ndata\n"
         )
         put_in_front(file, header.encode("ascii"))
     return path
+
+
+def write_nodes(
+    voxels: Leaves,
+    file: BinaryIO,
+    *,
+    binary: bool,
+    clamp: tuple[float, float] | None = None,
+    thresholds: Thresholds | None = None,
+) -> int:
+    """Write the nodes alone, without a header: how many there are.
+
+    Args:
+        voxels: the map's leaves, within OctoMap's keys: their codes are counted from its first.
+        file: a new file, which takes them from its beginning on.
+        binary: True for the nodes of a `.bt`, False for those of an `.ot`.
+        clamp: see `save_octomap`.
+        thresholds: see `save_octomap`.
+    """
+    from oddsmap.map_files.octomap_nodes import NodeFile
+
+    nodes = NodeFile(file, _PAIRS if binary else NODE)
+    for leaves in voxels.parts(_sign(thresholds or Thresholds()) if binary else _clamped(clamp)):
+        nodes.add(*leaves)
+    nodes.finish()
+    return nodes.count
 
 
 def _sign(limits: Thresholds) -> OfLogOdds:
@@ -107,33 +131,17 @@ def _sign(limits: Thresholds) -> OfLogOdds:
     return sign
 
 
-def _clamped(clamp: tuple[float, float] | None, path: Path) -> OfLogOdds:
+def _clamped(clamp: tuple[float, float] | None) -> OfLogOdds:
     """What gives log odds in single precision, within the bounds."""
     if clamp is None:
         return lambda log_odds: log_odds.astype(np.float32)
+    lowest, highest = (float(logit(p)) for p in clamp)
+    return lambda log_odds: np.clip(log_odds, lowest, highest).astype(np.float32)
+
+
+def _check_clamp(clamp: tuple[float, float], path: Path) -> None:
     low, high = clamp
     if not 0.0 < low < 0.5 < high < 1.0:
         raise ConfigError(
             f"{path}: clamp needs probabilities 0 < low < 0.5 < high < 1, got {low} and {high}"
-        )
-    lowest, highest = float(logit(low)), float(logit(high))
-    return lambda log_odds: np.clip(log_odds, lowest, highest).astype(np.float32)
-
-
-def _check_bounds(voxels: Leaves, path: Path) -> None:
-    bounds = voxels.bounds()
-    if bounds is None:
-        return
-    lo, hi = bounds
-    edge = HALF * voxels.resolution
-    crops = []
-    for axis, name in enumerate("xyz"):
-        if lo[axis] < -HALF:
-            crops.append(f"{name} >= {-edge:.10g} m (index {-HALF}, got {lo[axis]})")
-        if hi[axis] > HALF:
-            crops.append(f"{name} < {edge:.10g} m (index below {HALF}, got {hi[axis] - 1})")
-    if crops:
-        raise InputError(
-            f"{path}: an OctoMap has {2 * HALF} cells along each axis, around the origin; "
-            f"crop to {' and '.join(crops)}"
         )

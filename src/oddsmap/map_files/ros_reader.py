@@ -46,7 +46,7 @@ _SAVED_UNKNOWN = 205.0
 
 
 class RosGrid(NamedTuple):
-    """A ROS map, in the order of the arguments of `oddsmap.ProbabilityMap`."""
+    """A ROS map, in the order of the arguments of `oddsmap.ProbabilityMap`, and its mode."""
 
     probability: FloatArray
     observed: BoolArray
@@ -54,6 +54,7 @@ class RosGrid(NamedTuple):
     origin: tuple[float, float]
     yaw: float
     notes: tuple[Note, ...] = ()
+    mode: RosMode = "trinary"
 
 
 def read_ros(path: str | Path) -> RosGrid:
@@ -97,6 +98,7 @@ def read_ros(path: str | Path) -> RosGrid:
         origin=(x, y),
         yaw=yaw,
         notes=tuple(notes),
+        mode=mode,
     )
 
 

@@ -7,6 +7,7 @@ a prior, or something to compare with, never evidence.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,6 +61,28 @@ class ProbabilityMap:
         """
         return (thresholds or Thresholds()).state(self.probability, self.observed)
 
+    def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
+        """Write the observed cells as arrays, without counts: `oddsmap.map_files.npz.save_npz`.
+
+        Indices count from the map's `origin`, which is written, too, as `x, y, yaw`: it need not
+        be a corner of cells that count from (0, 0).
+        """
+        from oddsmap.map_files.npz import save_npz
+
+        y, x = np.nonzero(self.observed)
+        nothing = np.zeros(len(x))
+        save_npz(
+            Path(path),
+            index=np.stack([x, y], axis=1),
+            hits=nothing,
+            passes=nothing,
+            probability=self.probability[y, x],
+            observed=np.ones(len(x), np.bool_),
+            resolution=self.resolution,
+            origin=(*self.origin, self.yaw),
+            force=force,
+        )
+
 
 def load_ros(path: str | Path) -> ProbabilityMap:
     """Read a map_server map (YAML and PGM, PNG or another image that Pillow reads).
@@ -76,4 +99,4 @@ def load_ros(path: str | Path) -> ProbabilityMap:
     """
     from oddsmap.map_files.ros_reader import read_ros
 
-    return ProbabilityMap(*read_ros(path))
+    return ProbabilityMap(*read_ros(path)[:-1])  # all but the mode

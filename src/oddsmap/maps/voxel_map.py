@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +20,12 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import cell_box, cell_indices
 from oddsmap.errors import InputError, MapTooLargeError
-from oddsmap.map_files.fields import LeafPart, OfLogOdds
+from oddsmap.map_files.fields import LeafPart, OfLogOdds, PointPart
 from oddsmap.map_files.morton import MORTON_BITS, morton
 from oddsmap.odds import State, Thresholds, sigmoid
+
+if TYPE_CHECKING:
+    from oddsmap.map_files.octomap_range import Shift
 
 __all__ = ["VoxelMap", "load_octomap"]
 
@@ -156,6 +160,22 @@ class VoxelMap:
         state[z, y, x] = (thresholds or Thresholds()).state(probability, known)
         return state
 
+    def leaves(self, shift: Shift | None = None) -> VoxelMap:
+        """The map with another cell as cell 0; None: itself.
+
+        Raises:
+            InputError: a leaf would not start at a multiple of its size.
+        """
+        if shift is None or not shift.cells.any():
+            return self
+        largest = 1 << int(self.level.max(initial=0))
+        if (shift.cells % largest).any():
+            raise InputError(
+                f"a map with leaves of {largest * self.resolution:g} m is shifted by multiples of "
+                f"that, not by {' '.join(f'{n:.10g}' for n in shift.metres)} m"
+            )
+        return VoxelMap(self.index - shift.cells, self.log_odds, self.resolution, self.level)
+
     @property
     def base(self) -> IntArray:
         """The cell of code 0, shape (3,), x first: see `parts`."""
@@ -166,6 +186,23 @@ class VoxelMap:
         for start in range(0, len(self._code), _PART):
             part = slice(start, start + _PART)
             yield LeafPart(self._code[part], self.level[part], function(self.log_odds[part]))
+
+    @property
+    def has_counts(self) -> bool:
+        """An OctoMap has no hits and passes."""
+        return False
+
+    def points(self, least: float) -> Iterator[PointPart]:
+        """The leaves as points, some at a time, of at least a probability; larger ones are one."""
+        for start in range(0, len(self._code), _PART):
+            part = slice(start, start + _PART)
+            p = sigmoid(self.log_odds[part])
+            chosen = p >= least
+            index = self.index[part][chosen]
+            side = np.int64(1) << self.level[part][chosen].astype(np.int64)
+            centre: FloatArray = (index + side[:, None] / 2) * np.float64(self.resolution)
+            length: FloatArray = side * np.float64(self.resolution)
+            yield PointPart(centre, length, p[chosen], None, None)
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of known cells: first index and past the last, shape (3,); None if empty."""
@@ -243,12 +280,19 @@ class VoxelMap:
         *,
         clamp: tuple[float, float] | None = None,
         thresholds: Thresholds | None = None,
+        shift: tuple[float, float, float] | None = None,
         force: bool = False,
     ) -> None:
-        """Write an OctoMap: see `oddsmap.map_files.octomap_writer.save_octomap`."""
+        """Write an OctoMap: see `oddsmap.posterior.belief.Belief.save_octomap`."""
+        from oddsmap.map_files.octomap_range import check_keys, shift_of
         from oddsmap.map_files.octomap_writer import save_octomap
 
-        save_octomap(self, Path(path), clamp=clamp, thresholds=thresholds, force=force)
+        moved = None if shift is None else shift_of(shift, self.resolution)
+        check_keys(Path(path), self.bounds(), self.resolution, moved)
+        save_octomap(
+            self.leaves(moved), Path(path), clamp=clamp, thresholds=thresholds, shift=moved,
+            force=force,
+        )  # fmt: skip
 
     def save_ply(
         self,
@@ -261,6 +305,19 @@ class VoxelMap:
         from oddsmap.map_files.ply import save_ply
 
         save_ply(self, Path(path), thresholds=thresholds, force=force)
+
+    def save_las(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        crs: str | None = None,
+        thresholds: Thresholds | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write the occupied leaves as LAS or LAZ: see `oddsmap.map_files.las.save_las`."""
+        from oddsmap.map_files.las import save_las
+
+        save_las(self, Path(path), crs=crs, thresholds=thresholds, force=force)
 
 
 def load_octomap(path: str | os.PathLike[str]) -> VoxelMap:

@@ -15,13 +15,15 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.map_files.fields import PlanePart, PointPart
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, sigmoid
 
 if TYPE_CHECKING:
     import xarray
 
-    from oddsmap.map_files.fields import Leaves, OfLogOdds
+    from oddsmap.map_files.fields import Leaves, OfLogOdds, Plane
+    from oddsmap.map_files.octomap_range import Shift
     from oddsmap.map_files.ros_reader import RosMode
     from oddsmap.maps.voxel_map import VoxelMap
 
@@ -107,6 +109,46 @@ class Belief(ABC):
         index, log_odds = self.known_log_odds()
         yield index, function(log_odds)
 
+    @property
+    def has_counts(self) -> bool:
+        """Whether the view knows how many hits and passes a cell has had."""
+        return False
+
+    def part(self, region: Region) -> PlanePart:
+        """A region's cells as files take them: probability, whether observed, and counts."""
+        return PlanePart(self.probability(region), self.observed(region), None, None)
+
+    def plane(self) -> Plane:
+        """The box of known cells of a 2D map, for files that take it in parts.
+
+        Raises:
+            InputError: a 3D map.
+        """
+        from oddsmap.posterior.plane import BeliefPlane
+
+        return BeliefPlane(self)
+
+    def points(self, least: float) -> Iterator[PointPart]:
+        """The observed cells of a 3D map as points, some at a time, of at least a probability.
+
+        Raises:
+            InputError: a 2D map.
+        """
+        self._check_space()
+        for index, p in self.parts(sigmoid):
+            chosen = p >= least
+            yield self._points(index[chosen], p[chosen], None, None)
+
+    def _points(
+        self, index: IntArray, p: FloatArray, hits: FloatArray | None, passes: FloatArray | None
+    ) -> PointPart:
+        centre = np.asarray((index + 0.5) * self.resolution, np.float64)
+        return PointPart(centre, np.full(len(p), self.resolution), p, hits, passes)
+
+    def _check_space(self) -> None:
+        if self.ndim != 3:
+            raise InputError("an OctoMap, a PLY or a LAS needs a 3D map, this one is 2D")
+
     def to_probability_map(self, region: Region | None = None) -> ProbabilityMap:
         """Probabilities with their place in the world.
 
@@ -134,17 +176,20 @@ class Belief(ABC):
         """
         from oddsmap.maps.voxel_map import VoxelMap
 
-        if self.ndim != 3:
-            raise InputError("an OctoMap or a PLY needs a 3D map, this one is 2D")
+        self._check_space()
         return VoxelMap(*self.known_log_odds(), self.resolution)
 
-    def leaves(self) -> Leaves:
+    def leaves(self, shift: Shift | None = None) -> Leaves:
         """The observed cells of a 3D map as leaves of an octree, for files.
+
+        Args:
+            shift: the cell that becomes cell 0; None: the map's own.
 
         Raises:
             InputError: a 2D map.
         """
-        return self.to_voxels()
+        voxels = self.to_voxels()
+        return voxels if shift is None else voxels.leaves(shift)
 
     def to_xarray(self, region: Region | None = None) -> xarray.DataArray:
         """Probabilities with coordinates of the cells' centres [m]; needs the extra `xarray`.
@@ -199,20 +244,86 @@ class Belief(ABC):
         path: str | os.PathLike[str],
         *,
         clamp: tuple[float, float] | None = None,
+        shift: tuple[float, float, float] | None = None,
         force: bool = False,
     ) -> None:
-        """Write a `.bt` or `.ot`: see `oddsmap.map_files.octomap_writer.save_octomap`."""
+        """Write a `.bt` or `.ot`: see `oddsmap.map_files.octomap_writer.save_octomap`.
+
+        Args:
+            path: the file to write.
+            clamp: lowest and highest probability written to an `.ot`; None: as they are.
+            shift: the point of the map that becomes the file's origin [m], a whole number of cells
+                from the map's; None: that itself.
+            force: True where an existing file may be replaced.
+        """
+        from oddsmap.map_files.octomap_range import check_keys, shift_of
         from oddsmap.map_files.octomap_writer import save_octomap
 
+        moved = None if shift is None else shift_of(shift, self.resolution)
+        self._check_space()
+        check_keys(Path(path), self.bounds(), self.resolution, moved)
         save_octomap(
-            self.leaves(), Path(path), clamp=clamp, thresholds=self.thresholds, force=force
-        )
+            self.leaves(moved), Path(path), clamp=clamp, thresholds=self.thresholds, shift=moved,
+            force=force,
+        )  # fmt: skip
 
     def save_ply(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the occupied cells as points: see `oddsmap.map_files.ply.save_ply`."""
         from oddsmap.map_files.ply import save_ply
 
-        save_ply(self.leaves(), Path(path), thresholds=self.thresholds, force=force)
+        save_ply(self, Path(path), thresholds=self.thresholds, force=force)
+
+    def save_rosbag(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        mode: RosMode = "trinary",
+        frame: str = "map",
+        stamp_ns: int = 0,
+        shift: tuple[float, float, float] | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write messages of ROS: see `oddsmap.map_files.ros_bag.save_bag`.
+
+        Args:
+            path: named `.mcap`, `.bag` (of ROS 1), or without a suffix: the folder of a ROS 2 bag.
+            mode: of a 2D map, see `oddsmap.map_files.grid_messages.occupancy_values`.
+            frame: the frame of the map.
+            stamp_ns: its time [ns]; 0 in ROS stands for the latest transforms.
+            shift: of a 3D map, see `save_octomap`.
+            force: True where an existing output may be replaced.
+        """
+        from oddsmap.map_files.grid_messages import plane_messages
+        from oddsmap.map_files.octomap_range import check_keys, shift_of
+        from oddsmap.map_files.ros_bag import kind_of_bag, save_bag
+        from oddsmap.map_files.ros_messages import MapHeader
+        from oddsmap.map_files.space_messages import space_messages
+
+        path, header, limits = Path(path), MapHeader(frame, stamp_ns), self.thresholds
+        if self.ndim == 2:
+            make = plane_messages(self.plane(), mode=mode, thresholds=limits)
+        else:
+            moved = None if shift is None else shift_of(shift, self.resolution)
+            check_keys(path, self.bounds(), self.resolution, moved)
+            make = space_messages(self.leaves(moved), self, thresholds=limits, shift=moved)
+        save_bag(make, path, kind_of_bag(path), header=header, force=force)
+
+    def save_las(
+        self, path: str | os.PathLike[str], *, crs: str | None = None, force: bool = False
+    ) -> None:
+        """Write the occupied cells as LAS or LAZ: see `oddsmap.map_files.las.save_las`."""
+        from oddsmap.map_files.las import save_las
+
+        self._check_space()
+        save_las(self, Path(path), crs=crs, thresholds=self.thresholds, force=force)
+
+    def save_geotiff(
+        self, path: str | os.PathLike[str], *, crs: str | None = None, force: bool = False
+    ) -> None:
+        """Write a 2D map as a GeoTIFF: see `oddsmap.map_files.geotiff.save_geotiff`."""
+        from oddsmap.map_files.geotiff import save_geotiff
+
+        save_geotiff(self.plane(), Path(path), crs=crs, force=force)
 
     def _notes(self) -> dict[str, object]:
         """What else a reader of an exported array should know."""

@@ -30,26 +30,33 @@ class TileLeaves:
     Args:
         tiles: nodes of the octree, see `oddsmap.evidence.octree_order.has_octree_order`.
         resolution: side of a cell [m].
-        base: the cell of code 0.
+        first: the cell of code 0.
+        shift: the cell of the map that is cell 0 of the leaves, shape (3,).
         box: the box of the cells with evidence; None: there are none.
         values: gives a function of cells for a function of their log odds.
     """
 
     tiles: TileStore
     resolution: float
-    base: IntArray
+    first: IntArray
+    shift: IntArray
     box: tuple[IntArray, IntArray] | None
     values: Callable[[OfLogOdds], OfCells]
 
     def bounds(self) -> tuple[IntArray, IntArray] | None:
         """The box of known cells: first index and past the last, shape (3,); None if empty."""
-        return self.box
+        return None if self.box is None else (self.box[0] - self.shift, self.box[1] - self.shift)
+
+    @property
+    def base(self) -> IntArray:
+        """The cell of code 0, counted as the leaves are."""
+        return self.first - self.shift
 
     def parts(self, function: OfLogOdds) -> Iterator[LeafPart]:
         """The leaves in order, some at a time: Morton code, level, and a function of log odds."""
         values = self.values(function)
-        for code, hits, passes in octree_parts(self.tiles, self.base):
-            value = values(hits, passes, partial(_cells, code, self.base))
+        for code, hits, passes in octree_parts(self.tiles, self.first):
+            value = values(hits, passes, partial(_cells, code, self.first))
             yield LeafPart(code, np.zeros(len(code), np.uint8), value)
 
 

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What `oddsmap export` writes of planes: ROS maps, pictures, GeoTIFF; and planes of space."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from oddsmap.cli.written import Written
+
+if TYPE_CHECKING:
+    from oddsmap.cli.export_sources import Source
+    from oddsmap.map_files.fields import Plane
+    from oddsmap.maps.probability_map import ProbabilityMap
+    from oddsmap.odds import Thresholds
+
+__all__ = ["grid_of", "plane_of", "write_geotiff", "write_picture", "write_ros"]
+
+Options = Mapping[str, Any]
+
+
+def write_picture(view: Source, output: Path, options: Options, force: bool) -> Written:
+    """Write a picture: `.png`."""
+    from oddsmap.plot.picture import save_png
+
+    save_png(grid_of(view, options)[0], output, force=force)
+    return Written([output])
+
+
+def write_ros(view: Source, output: Path, options: Options, force: bool) -> Written:
+    """Write a ROS map: `.yaml` and its image."""
+    from oddsmap.cli.undecided import undecided_in_plane
+    from oddsmap.map_files.plane import ArrayPlane
+    from oddsmap.map_files.ros_writer import save_ros
+
+    grid, thresholds = grid_of(view, options)
+    mode = options.get("mode", "trinary")
+    written = save_ros(grid, output, mode=mode, thresholds=thresholds, force=force)
+    note = undecided_in_plane(ArrayPlane(grid), thresholds, view) if mode == "trinary" else None
+    return Written(list(written), () if note is None else (note,))
+
+
+def write_geotiff(view: Source, output: Path, options: Options, force: bool) -> Written:
+    """Write a GeoTIFF: `.tif`."""
+    from oddsmap.map_files.geotiff import save_geotiff
+
+    crs = options.get("crs")
+    save_geotiff(plane_of(view, options), output, crs=crs, force=force)
+    if crs is not None:
+        return Written([output])
+    return Written(
+        [output],
+        (
+            "the file does not say where on the Earth it is: --crs EPSG:32632 (or what your "
+            "coordinates are in) does",
+        ),
+    )
+
+
+def plane_of(view: Source, options: Options) -> Plane:
+    """A 2D map, or a band of heights of a 3D map, for files that take it in parts."""
+    from oddsmap.map_files.plane import ArrayPlane
+    from oddsmap.posterior.belief import Belief
+
+    if isinstance(view, Belief) and view.ndim == 2 and not _banded(options):
+        return view.plane()
+    return ArrayPlane(grid_of(view, options)[0])
+
+
+def grid_of(view: Source, options: Options) -> tuple[ProbabilityMap, Thresholds | None]:
+    """A 2D map, or a band of heights of a 3D map, and the thresholds of its view.
+
+    Raises:
+        ConfigError: heights are asked of a 2D map, or none of a 3D map.
+    """
+    from oddsmap.errors import ConfigError
+    from oddsmap.maps.probability_map import ProbabilityMap
+    from oddsmap.posterior.belief import Belief
+    from oddsmap.projection.project import project
+
+    z_min, z_max = options.get("z_min"), options.get("z_max")
+    ground = options.get("ground", "none")
+    thresholds = view.thresholds if isinstance(view, Belief) else None
+    if isinstance(view, ProbabilityMap) or (isinstance(view, Belief) and view.ndim == 2):
+        if _banded(options):
+            raise ConfigError("--z-min, --z-max and --ground need a 3D map, this one is 2D")
+        return (view if isinstance(view, ProbabilityMap) else view.to_probability_map()), thresholds
+    if z_min is None and z_max is None:
+        raise ConfigError(
+            "this map is 3D: say which heights make the 2D map, for example "
+            "--z-min 0.2 --z-max 1.8 --ground relative"
+        )
+    lowest = -float("inf") if z_min is None else z_min
+    highest = float("inf") if z_max is None else z_max
+    grid = project(view, lowest, highest, ground="relative" if ground == "relative" else None)
+    return grid, thresholds
+
+
+def _banded(options: Options) -> bool:
+    heights = options.get("z_min"), options.get("z_max")
+    return heights != (None, None) or options.get("ground", "none") != "none"
