@@ -138,9 +138,9 @@ BodyFromSensor = Annotated[
     str | None,
     typer.Option(
         "--body-from-sensor",
-        metavar="'X Y Z QX QY QZ QW'",
-        help="Where the sensor sits on the body that the poses are of [metres, quaternion]; by "
-        "default the poses are the sensor's.",
+        metavar="'X Y Z QX QY QZ QW'|FILE",
+        help="Where the sensor sits on the body that the poses are of [metres, quaternion], or a "
+        "file with the 3 x 4 or 4 x 4 matrix; by default the poses are the sensor's.",
     ),
 ]
 

@@ -9,6 +9,7 @@ wrong scans.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers.number_rows import read_number_rows
-from oddsmap.readers.pose_columns import PoseColumns, find_columns
+from oddsmap.readers.pose_columns import find_columns
+from oddsmap.readers.pose_header import PoseColumns, PoseKind
 from oddsmap.readers.stamp_words import MAX_STAMP_NS, kind_of_stamps, split_stamp_ns
 from oddsmap.readers.text_table import Row, parse_numbers, parse_stamp_ns
 from oddsmap.scans.note import Note
@@ -41,11 +43,13 @@ class PoseFile:
         trajectory: the poses.
         numbers: which scan each pose is of, where the rows are numbered.
         notes: what was assumed.
+        oriented: the poses have rotations; where there are none, they are the identity.
     """
 
     trajectory: Trajectory
     numbers: tuple[int, ...] | None = None
     notes: tuple[Note, ...] = ()
+    oriented: bool = True
 
 
 def read_trajectory(
@@ -56,17 +60,22 @@ def read_trajectory(
 
 
 def read_pose_file(
-    path: str | os.PathLike[str], *, times: str | os.PathLike[str] | None = None
+    path: str | os.PathLike[str],
+    *,
+    times: str | os.PathLike[str] | None = None,
+    positions_do: bool = False,
 ) -> PoseFile:
     """Read a pose file.
 
     Args:
         path: KITTI or TUM poses.
         times: stamps of KITTI poses, one number of seconds per row; None: they have no stamps.
+        positions_do: poses without a rotation will do, since points are in the map already.
 
     Raises:
         InputError: a row with another count of numbers, NaN, a quaternion that is not of unit
-            length, a scaled or left-handed rotation, or another count of times than of poses.
+            length, a scaled or left-handed rotation, or another count of times than of poses; or
+            poses without a rotation where that does not do.
     """
     name = os.fspath(path)
     table = read_number_rows(path)
@@ -74,6 +83,7 @@ def read_pose_file(
     if not rows:
         raise InputError(f"{name}: no poses: check how the file was written")
     columns = find_columns(rows, table.headers)
+    _check_kind(name, columns.kind, positions_do)
     poses = [_read_pose(row, columns) for row in rows]
     trajectory = Trajectory(
         positions=np.array([pose.translation for pose in poses]),
@@ -81,6 +91,12 @@ def read_pose_file(
         path=name,
     )
     notes: list[Note] = []
+    if columns.said:
+        notes.append(Note(f"{name}: {columns.said}", code="pose.columns"))
+    oriented = columns.kind != "position"
+    if not oriented:
+        text = f"{name}: positions without rotations"
+        notes.append(Note(text, code="pose.positions"))
     if columns.doubt:
         text = f"{name}: {columns.doubt}"
         notes.append(Note(text, code="pose.columns", severity="warning"))
@@ -88,19 +104,22 @@ def read_pose_file(
         if times is not None:
             raise InputError(f"{name}: has stamps of its own (TUM): leave {os.fspath(times)} out")
         words = [row.words[columns.stamp] for row in rows]
-        stamps = _read_stamps(rows, words, notes, columns.nanoseconds)
-        return PoseFile(trajectory.with_stamps(stamps), notes=tuple(notes))
+        if columns.nsecs is not None:
+            stamps = _read_two_words(rows, columns.stamp, columns.nsecs)
+        else:
+            stamps = _read_stamps(rows, words, notes, columns.nanoseconds)
+        return PoseFile(trajectory.with_stamps(stamps), notes=tuple(notes), oriented=oriented)
     place = columns.index
     numbers = None if place is None else tuple(int(row.words[place]) for row in rows)
     if times is None:
-        return PoseFile(trajectory, numbers, tuple(notes))
+        return PoseFile(trajectory, numbers, tuple(notes), oriented)
     stamps = read_times(times)
     if len(stamps) != len(poses):
         raise InputError(
             f"{os.fspath(times)}: {len(stamps)} times for the {len(poses)} poses of {name}: "
             "give the times of these poses"
         )
-    return PoseFile(trajectory.with_stamps(stamps), numbers, tuple(notes))
+    return PoseFile(trajectory.with_stamps(stamps), numbers, tuple(notes), oriented)
 
 
 def read_times(path: str | os.PathLike[str]) -> npt.NDArray[np.int64]:
@@ -140,14 +159,56 @@ def _read_pose(row: Row, columns: PoseColumns) -> Pose3:
             f"{row.where}: {len(row.words)} numbers where the first pose has {columns.count}: "
             "check how the file was written"
         )
-    numbers = parse_numbers(row, row.words)
-    pose = [numbers[place] for place in columns.pose]
+    if not columns.named:
+        parse_numbers(row, row.words)
+    pose = parse_numbers(row, [row.words[place] for place in columns.pose])
+    if columns.kind == "position":
+        return Pose3(np.eye(3), np.array(pose))
+    if columns.kind == "planar":
+        *place, angle = pose
+        return _planar_pose(place, math.radians(angle) if columns.degrees else angle)
     try:
         if len(pose) == 7:
             return Pose3.from_quaternion_xyzw(pose[:3], pose[3:])
         return Pose3.from_matrix(pose)
     except InputError as error:
         raise InputError(f"{row.where}: {error}") from None
+
+
+def _planar_pose(place: list[float], yaw: float) -> Pose3:
+    """A pose in the plane, at z = 0 where there is none."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Pose3(turn, np.array([*place, 0.0][:3]))
+
+
+def _check_kind(name: str, kind: PoseKind, positions_do: bool) -> None:
+    """Refuse what is no pose: a sensor that is somewhere looks somewhere, too."""
+    if kind == "globe":
+        raise InputError(
+            f"{name}: latitudes and longitudes, without rotations: a fix of GPS does not say where "
+            "the sensor looks; give poses in metres (x y z qx qy qz qw)"
+        )
+    if kind == "position" and not positions_do:
+        raise InputError(
+            f"{name}: the columns are positions, x y z, without rotations (qx qy qz qw or theta), "
+            "which do only for points that are in the map already (--points-in map, LAS): give "
+            "whole poses"
+        )
+
+
+def _read_two_words(rows: Sequence[Row], seconds: int, nanoseconds: int) -> StampArray:
+    """Stamps that are two whole numbers."""
+    stamps = []
+    for row in rows:
+        words = row.words[seconds], row.words[nanoseconds]
+        whole = all(word.isdecimal() and len(word) <= 10 for word in words)
+        if not whole or int(words[0]) > MAX_STAMP_NS // 10**9 - 10:
+            raise InputError(
+                f"{row.where}: {' '.join(words)[:40]!r} is no stamp of seconds and nanoseconds"
+            )
+        stamps.append(int(words[0]) * 10**9 + int(words[1]))
+    return np.array(stamps, np.int64)
 
 
 def _read_stamps(

@@ -189,7 +189,7 @@ def _match(
         file: FilePath | Trajectory | PoseFile = poses
         may_be_camera = suffix == ".bin" and options.body_from_sensor is None
         if may_be_camera and not isinstance(poses, Trajectory):
-            file = read_kitti_poses(folder, poses)
+            file = read_kitti_poses(folder, poses, positions_do=options.points_in == "map")
         match = match_poses(name, names, file, times, options)
         return match, match.notes
     if suffix == ".pcd" and any_viewpoint(files):
