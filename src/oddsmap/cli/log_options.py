@@ -28,6 +28,7 @@ class LogOptions:
     camera: PinholeCamera | None = None
     skip_bad: bool = False
     points_in: PointFrame | None = None
+    origin: tuple[float, float, float] | None = None
     columns: str | None = None
     depth_scale: float | None = None
     scans: tuple[str, ...] = ()
@@ -63,6 +64,7 @@ class LogOptions:
             camera=self.camera,
             skip_bad=self.skip_bad,
             points_in=self.points_in,
+            origin=self.origin,
             columns=self.columns,
             depth_scale=self.depth_scale,
             scans=self.scans,

@@ -20,6 +20,7 @@ __all__ = [
     "Columns",
     "DepthScale",
     "Frame",
+    "Origin",
     "PointsIn",
     "Poses",
     "Quiet",
@@ -159,6 +160,15 @@ PointsIn = Annotated[
         "--points-in",
         help="The frame that the points of clouds are in; by default the sensor's, and asked for "
         "where PCD's VIEWPOINT leaves it open.",
+    ),
+]
+
+Origin = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(
+        "--origin",
+        metavar="X Y Z",
+        help="Where the sensor stood [metres], for points that are in the map and have no poses.",
     ),
 ]
 

@@ -41,7 +41,9 @@ def open_recorded(name: str, options: ReadOptions) -> RecordedLog:
     Raises:
         InputError: it cannot be read, or what is to be mapped is not clear.
     """
-    options.refuse(name, "a recording", "times", "camera", "points_in", "columns", "depth_scale")
+    options.refuse(
+        name, "a recording", "times", "camera", "points_in", "origin", "columns", "depth_scale"
+    )
     recording = open_ros_recording(name)
     tolerance = _TOLERANCE_S if options.tolerance_s is None else options.tolerance_s
     choices = Choices(

@@ -49,6 +49,8 @@ KINDS: Mapping[str, tuple[str, Callable[[Source], Cloud]]] = {
 }
 
 
+_ONE_PLACE = "a cloud seen from the place of --origin"
+
 _NO_POSE = Note(
     "no pose: the frame of the sensor is taken for the map frame",
     code="pose.assumed",
@@ -101,7 +103,9 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         source = open_source(files[i])
         cloud = read_cloud(source)
         found.add(i, cloud.notes)
-        if match is None:
+        if options.origin is not None:
+            pose, stamp_ns = _pose_at(options.origin), None
+        elif match is None:
             body = viewpoint_pose(source.path, cloud.viewpoint) or _identity()
             pose, stamp_ns = options.sensor_pose(body), None
         else:
@@ -152,7 +156,10 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
         cloud = read_cloud(source)
         notes = [*source.initial_notes(), *cloud.notes]
         stamp_ns = None
-        if options.poses is not None:
+        if options.origin is not None:
+            options.refuse(source.path, _ONE_PLACE, "body_from_sensor", "times")
+            pose = _pose_at(options.origin)
+        elif options.poses is not None:
             names = [Path(source.path).name]
             match = match_poses(source.path, names, options.poses, options.times, options)
             pose, stamp_ns = match.map_from_sensor(0), match.stamp_ns(0)
@@ -179,7 +186,10 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
 def _match(
     name: str, folder: Path, suffix: str, files: list[Path], options: ReadOptions
 ) -> tuple[PoseMatch | None, tuple[Note, ...]]:
-    """The poses of the files, or None where each VIEWPOINT is one; and what to say of it."""
+    """The poses of the files, None for VIEWPOINTs or one stated place; and what to say of it."""
+    if options.origin is not None:
+        options.refuse(name, _ONE_PLACE, "body_from_sensor", "times")
+        return None, ()
     poses = options.poses if options.poses is not None else find_poses(folder)
     times = options.times
     if times is None and (folder / TIMES_NAME).is_file():
@@ -200,6 +210,11 @@ def _match(
         f"{name}: {len(files)} scans without poses ({' or '.join(POSE_NAMES)} would be "
         f"read{no_viewpoint}): name the poses with --poses (poses=)"
     )
+
+
+def _pose_at(origin: tuple[float, float, float]) -> Pose3:
+    """A sensor of which the place is known, and whose axes do not matter."""
+    return Pose3(np.eye(3), np.array(origin))
 
 
 @cache
