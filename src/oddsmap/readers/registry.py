@@ -93,7 +93,7 @@ class SurveyFile:
     """A format of which files may be larger than memory, which its reader opens itself.
 
     Args:
-        name: name of the format in the plural, for people.
+        name: name of the format, for people.
         matches: whether a file that starts like this is of this format.
         open: opens the file of a path, with the caller's options.
     """
@@ -104,8 +104,8 @@ class SurveyFile:
 
 
 SURVEY_FILES: tuple[SurveyFile, ...] = (
-    SurveyFile("LAS, LAZ and COPC points", las.matches, las.open_las),
-    SurveyFile("E57 scans", e57.matches, e57.open_e57),
+    SurveyFile("LAS", las.matches, las.open_las),
+    SurveyFile("E57", e57.matches, e57.open_e57),
 )
 
 
@@ -218,7 +218,7 @@ def known_formats() -> str:
     *names, last = (reader.name for reader in READERS)
     return (
         f"{', '.join(names)} and {last}, plain or compressed with gzip or bzip2; KITTI .bin scans "
-        "and depth images as a folder; ROS bags and MCAP; "
+        "and depth images as a folder; ROS bags, MCAP, "
         + ", ".join(file.name for file in SURVEY_FILES)
     )
 
