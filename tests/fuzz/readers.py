@@ -22,6 +22,7 @@ from tests.fuzz.mutant import Change, Files, Mutator, on_file
 from tests.fuzz.npz_changes import change_archive, change_array
 from tests.fuzz.samples import GRIDS, SAMPLES, SCANS, SCANS_3D
 from tests.fuzz.text_changes import change_json, change_toml, change_yaml
+from tests.readers.argoverse_files import STAMP
 
 __all__ = ["READERS", "Reader"]
 
@@ -144,6 +145,27 @@ READERS: dict[str, Reader] = {
             *_text("depth.txt"),
             *_text("groundtruth.txt"),
         ),
+        _log("poses-csv", ".", *_text("poses.txt")),
+        _log("kitti-raw", ".", *_text("calib_velo_to_cam.txt")),
+        _log("ptx", "a.ptx", *_text("a.ptx")),
+        Reader(
+            "las",
+            lambda path: answers.of_log(path, poses="track.csv"),
+            "a.las",
+            (*_binary("a.las", counted=False), *_text("track.csv")[:2]),
+        ),
+        *(
+            Reader(
+                name,
+                lambda path: answers.of_log(path, poses="track.csv"),
+                "a.laz",
+                _binary("a.laz", counted=False),
+            )
+            for name in ("laz", "laz-layers")
+        ),
+        _log("e57", "a.e57", *_checked("a.e57")),
+        _log("argoverse-sweep", ".", *_binary(f"sensors/lidar/{STAMP}.feather", counted=False)),
+        _log("argoverse-poses", ".", *_binary("city_SE3_egovehicle.feather", counted=False)),
         _log("octomap-graph", "a.graph", *_binary("a.graph", counted=False)),
         Reader("octomap-bt", answers.of_octomap, "a.bt", _binary("a.bt")),
         Reader("octomap-bt-dense", answers.of_octomap, "a.bt", _binary("a.bt")),

@@ -122,6 +122,13 @@ def test_four_numbers_that_are_no_angle(tmp_path: Path) -> None:
         file_of(tmp_path, "0.5 1 2 3", "1.5 4 5 90")
 
 
+def test_angles_beyond_a_turn_may_be_degrees(tmp_path: Path) -> None:
+    lines = ["t x y theta", "0.5 1 2 90", "1.5 4 5 359"]
+    (note,) = file_of(tmp_path, *lines).notes
+    assert "angles of up to 359 are taken for radians: if they are degrees" in note
+    assert note.severity == "warning"
+
+
 def test_survey_coordinates_are_exact(tmp_path: Path) -> None:
     """UTM: a northing of millions of metres, in doubles, keeps each micrometre."""
     lines = [

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +17,9 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.decoding import decoding
-from oddsmap.errors import InputError
+from oddsmap.errors import InputError, as_line
 from oddsmap.readers.extras import needs_extra
+from oddsmap.readers.las_sizes import check_sizes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,7 +83,7 @@ def las_facts(path: str) -> LasFacts:
     Raises:
         InputError: it cannot be read, or laspy is missing.
     """
-    with _Opened(path) as reader, decoding(path, _FAULT, _ADVICE):
+    with _Opened(path) as reader, _decoding(path):
         header = reader.header
         geographic, unit = _coordinates(header.vlrs)
         return LasFacts(
@@ -103,7 +105,7 @@ def read_las_points(path: str) -> Iterator[LasPoints]:
     with _Opened(path) as reader:
         count, seen = int(reader.header.point_count), 0
         while seen < count:
-            with decoding(path, _FAULT, _ADVICE):
+            with _decoding(path):
                 record = reader.read_points(min(_CHUNK, count - seen))
                 found = len(record)
                 part = _part(record)
@@ -117,6 +119,18 @@ def read_las_points(path: str) -> Iterator[LasPoints]:
             )
 
 
+@contextmanager
+def _decoding(path: str) -> Iterator[None]:
+    """`decoding`, also where the decoder panics, which is no `Exception` to Python."""
+    try:
+        with decoding(path, _FAULT, _ADVICE):
+            yield
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":
+            raise
+        raise InputError(f"{path}: {_FAULT} ({as_line(str(error), 100)}): {_ADVICE}") from None
+
+
 class _Opened:
     """A file as laspy reads it."""
 
@@ -124,8 +138,10 @@ class _Opened:
         with needs_extra(path, "survey"):
             import laspy
             import lazrs  # noqa: F401 - laspy imports it when it meets a LAZ file
-        with decoding(path, _FAULT, _ADVICE):
-            self._reader = laspy.open(path)
+        check_sizes(path)
+        with _decoding(path):
+            # Without threads of its own, which would hang in a process that was forked.
+            self._reader = laspy.open(path, laz_backend=laspy.LazBackend.Lazrs)
 
     def __enter__(self) -> Any:
         return self._reader

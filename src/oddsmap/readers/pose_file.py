@@ -21,6 +21,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers.number_rows import read_number_rows
+from oddsmap.readers.plain_text import to_number
 from oddsmap.readers.pose_columns import find_columns
 from oddsmap.readers.pose_header import PoseColumns, PoseKind
 from oddsmap.readers.stamp_words import MAX_STAMP_NS, kind_of_stamps, split_stamp_ns
@@ -97,6 +98,8 @@ def read_pose_file(
     if not oriented:
         text = f"{name}: positions without rotations"
         notes.append(Note(text, code="pose.positions"))
+    if columns.kind == "planar" and columns.named and not columns.degrees:
+        _doubt_angles(name, [to_number(row.words[columns.pose[-1]]) for row in rows], notes)
     if columns.doubt:
         text = f"{name}: {columns.doubt}"
         notes.append(Note(text, code="pose.columns", severity="warning"))
@@ -180,6 +183,15 @@ def _planar_pose(place: list[float], yaw: float) -> Pose3:
     c, s = math.cos(yaw), math.sin(yaw)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return Pose3(turn, np.array([*place, 0.0][:3]))
+
+
+def _doubt_angles(name: str, angles: list[float], notes: list[Note]) -> None:
+    """Radians beyond a full turn come of turns that were counted; degrees look the same."""
+    largest = max(map(abs, angles))
+    if largest > 2 * math.pi + 0.1:
+        text = f"{name}: angles of up to {largest:.4g} are taken for radians: if they are degrees, "
+        text += "say so in the header, as theta [deg]"
+        notes.append(Note(text, code="pose.degrees", severity="warning"))
 
 
 def _check_kind(name: str, kind: PoseKind, positions_do: bool) -> None:

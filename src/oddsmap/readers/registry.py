@@ -16,6 +16,7 @@ from oddsmap.limits import memory_for
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers import (
+    argoverse,
     carmen,
     e57,
     g2o,
@@ -218,7 +219,7 @@ def known_formats() -> str:
     *names, last = (reader.name for reader in READERS)
     return (
         f"{', '.join(names)} and {last}, plain or compressed with gzip or bzip2; KITTI .bin scans "
-        "and depth images as a folder; ROS bags, MCAP, "
+        "and depth images as a folder; ROS bags, MCAP, Argoverse 2, "
         + ", ".join(file.name for file in SURVEY_FILES)
     )
 
@@ -243,6 +244,8 @@ def _open_folder(name: str, options: ReadOptions) -> Log:
             kinds.append(("*.depth.png", lambda: rgbd_folder.open_seven_scenes(name, options)))
         if rgbd_folder.is_tum_rgbd(folder):
             kinds.append(("depth.txt", lambda: rgbd_folder.open_tum_rgbd(name, options)))
+        if argoverse.is_argoverse(folder):
+            kinds.append((".feather", lambda: argoverse.open_argoverse(name, options)))
         for suffix, files in scan_folder.find_clouds(folder).items():
             kinds.append((f"*{suffix}", _folder_opener(name, suffix, files, options)))
         entries = sorted(path.name for path in folder.iterdir())
@@ -252,7 +255,8 @@ def _open_folder(name: str, options: ReadOptions) -> Log:
         found = ", ".join(entries[:5]) + (", ..." if len(entries) > 5 else "")
         raise InputError(
             f"{name}: no scans in this folder, found {found or 'nothing'}: give a folder of *.pcd, "
-            "*.ply, *.bin or *.depth.png, a TUM RGB-D folder (depth.txt), or one log file"
+            "*.ply, *.bin or *.depth.png, a TUM RGB-D folder (depth.txt) or an Argoverse 2 "
+            "log, or one log file"
         )
     if len(kinds) > 1:
         names = " and ".join(kind for kind, _ in kinds)
