@@ -148,6 +148,7 @@ READERS: dict[str, Reader] = {
         _log("poses-csv", ".", *_text("poses.txt")),
         _log("kitti-raw", ".", *_text("calib_velo_to_cam.txt")),
         _log("ptx", "a.ptx", *_text("a.ptx")),
+        _log("rawlog", "a.rawlog", *_binary("a.rawlog", counted=False)),
         Reader(
             "las",
             lambda path: answers.of_log(path, poses="track.csv"),

@@ -26,6 +26,7 @@ from tests.fuzz.npz_changes import npz
 from tests.kit import random_scans
 from tests.readers.argoverse_files import argoverse_log
 from tests.readers.clouds import graph_bytes, pcd_bytes, ply_bytes
+from tests.readers.rawlogs import rawlog
 from tests.readers.setups import Setup, e57_file, ptx_text
 
 __all__ = ["GRIDS", "SAMPLES", "SCANS", "SCANS_3D", "folder_files"]
@@ -364,6 +365,7 @@ SAMPLES: dict[str, Callable[[], Files]] = {
     "poses-csv": lambda: _kitti(_csv_poses()),
     "kitti-raw": _kitti_raw,
     "ptx": lambda: _one("a.ptx", ptx_text(_POINTS, oddsmap.Pose3(np.eye(3), np.ones(3))).encode()),
+    "rawlog": lambda: _one("a.rawlog", rawlog()),
     "las": lambda: _las("a.las", 1),
     "laz": lambda: _las("a.laz", 1),
     "laz-layers": lambda: _las("a.laz", 6),

@@ -27,6 +27,7 @@ from oddsmap.readers import (
     pcd,
     ply,
     ptx,
+    rawlog,
     recorded,
     rgbd_folder,
     scan_folder,
@@ -83,7 +84,8 @@ READERS: tuple[Reader, ...] = (
     Reader("PCD scans", pcd.matches, scan_folder.open_single_cloud("PCD", pcd.read_pcd)),
     Reader("PLY scans", ply.matches, scan_folder.open_single_cloud("PLY", ply.read_ply)),
     Reader("OctoMap scan graphs", octomap_graph.matches, octomap_graph.open_octomap_graph),
-    Reader("g2o graphs with scans", g2o.matches, _alone("a g2o graph", g2o.open_g2o)),
+    Reader("g2o graphs", g2o.matches, _alone("a g2o graph", g2o.open_g2o)),
+    Reader("MRPT rawlogs", rawlog.matches, rawlog.open_rawlog),
     Reader("PTX scans", ptx.matches, ptx.open_ptx),
     Reader("CARMEN logs", carmen.matches, _alone("a CARMEN log", carmen.open_carmen)),
 )
