@@ -43,7 +43,7 @@ _QUATERNION, _PLACE = ("qx", "qy", "qz", "qw"), ("tx_m", "ty_m", "tz_m")
 _MOTION = Note(
     "the points are in the frame of the car at the time of each sweep, without its motion; their "
     "rays start where the LIDAR was at the time of each point",
-    code="scan.compensated",
+    code="cloud.compensated",
 )
 
 

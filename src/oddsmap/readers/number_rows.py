@@ -46,6 +46,16 @@ def read_number_rows(path: str | os.PathLike[str]) -> NumberTable:
     rows: list[Row] = []
     headers: list[list[str]] = []
     text = decode_text(name, open_source(path).content)
+    if text.lstrip()[:1] == "<":
+        raise InputError(
+            f"{name}: XML, not a table of numbers"
+            + (
+                "; a track of GPS does not say where a sensor looks"
+                if "<gpx" in text[:2000]
+                else ""
+            )
+            + ": give poses in metres as text (t x y z qx qy qz qw)"
+        )
     for number, line in enumerate(split_lines(text), start=1):
         where = f"{name}:{number}"
         before, *after = _COMMENT.split(line, maxsplit=1)
