@@ -199,8 +199,8 @@ def _check_kind(name: str, kind: PoseKind, positions_do: bool) -> None:
     if kind == "globe":
         raise InputError(
             f"{name}: latitudes and longitudes, without rotations: a fix of GPS does not say where "
-            "the sensor looks; give poses in metres (x y z qx qy qz qw), or for LAS positions in the "
-            "coordinates of its points (t x y z)"
+            "the sensor looks; give poses in metres (x y z qx qy qz qw), or, for LAS, positions in "
+            "the coordinates of its points (t x y z)"
         )
     if kind == "position" and not positions_do:
         raise InputError(
