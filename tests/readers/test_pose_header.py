@@ -122,6 +122,48 @@ def test_four_numbers_that_are_no_angle(tmp_path: Path) -> None:
         file_of(tmp_path, "0.5 1 2 3", "1.5 4 5 90")
 
 
+@pytest.mark.parametrize(
+    ("name", "first", "stamp"),
+    [
+        ("timestamp_s", "1600000000.25", 1600000000_250000000),
+        ("time [s]", "0.5", 500_000_000),
+        ("Time[s]", "0.5", 500_000_000),
+        ("timestamp [ms]", "1600000000250.5", 1600000000_250500000),
+        ("t_ms", "1500", 1_500_000_000),
+        ("utime", "1600000000250001", 1600000000_250001000),
+        ("timestamp_us", "1600000000250001", 1600000000_250001000),
+        ("#timestamp [us]", "7", 7000),
+        ("timestamp_ns", "1600000000250001002", 1600000000_250001002),
+        ("#timestamp [ns]", "12", 12),
+    ],
+)
+def test_units_of_stamps(tmp_path: Path, name: str, first: str, stamp: int) -> None:
+    file = file_of(tmp_path, f"{name},x,y,z,qx,qy,qz,qw", f"{first},1,2,3,0,0,0,1")
+    assert file.trajectory.stamps_ns is not None
+    assert file.trajectory.stamps_ns.tolist() == [stamp]
+    assert file.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ("t [days],x,y,z,qx,qy,qz,qw", "t is in days: write stamps in s, ms, us or ns"),
+        ("t,x [mm],y [mm],z [mm],qx,qy,qz,qw", "x is in mm: write positions in metres"),
+        ("t,x,y,yaw [gon]", "yaw is in gon: write it in rad or deg"),
+    ],
+)
+def test_units_that_are_not_read(tmp_path: Path, header: str, message: str) -> None:
+    row = ",".join(["1", "1", "2", "3", "0", "0", "0", "1"][: header.count(",") + 1])
+    with pytest.raises(InputError, match=rf"p\.csv: {message}"):
+        file_of(tmp_path, header, row)
+
+
+def test_a_stamp_by_a_name_that_is_not_known(tmp_path: Path) -> None:
+    (note,) = file_of(tmp_path, "when,x,y,z,qx,qy,qz,qw", "5,1,2,3,0,0,0,1").notes
+    assert "the header names no stamp, and 'when' is not known as one" in note
+    assert note.severity == "warning"
+
+
 def test_angles_beyond_a_turn_may_be_degrees(tmp_path: Path) -> None:
     lines = ["t x y theta", "0.5 1 2 90", "1.5 4 5 359"]
     (note,) = file_of(tmp_path, *lines).notes

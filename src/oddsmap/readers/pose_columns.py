@@ -43,7 +43,10 @@ def find_columns(rows: Sequence[Row], headers: Sequence[Sequence[str]]) -> PoseC
     """
     count = len(rows[0].words)
     for header in reversed(headers):
-        named = columns_by_name(header, count)
+        try:
+            named = columns_by_name(header, count)
+        except InputError as error:
+            raise InputError(f"{rows[0].where.rpartition(':')[0]}: {error}") from None
         if named is not None:
             return named
     messages = _as_messages(rows)

@@ -13,6 +13,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal, DecimalException
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers.number_rows import read_number_rows
-from oddsmap.readers.plain_text import to_number
+from oddsmap.readers.plain_text import is_number, to_number
 from oddsmap.readers.pose_columns import find_columns
 from oddsmap.readers.pose_header import PoseColumns, PoseKind
 from oddsmap.readers.stamp_words import MAX_STAMP_NS, kind_of_stamps, split_stamp_ns
@@ -110,7 +111,7 @@ def read_pose_file(
         if columns.nsecs is not None:
             stamps = _read_two_words(rows, columns.stamp, columns.nsecs)
         else:
-            stamps = _read_stamps(rows, words, notes, columns.nanoseconds)
+            stamps = _read_stamps(rows, words, notes, columns.exponent)
         return PoseFile(trajectory.with_stamps(stamps), notes=tuple(notes), oriented=oriented)
     place = columns.index
     numbers = None if place is None else tuple(int(row.words[place]) for row in rows)
@@ -139,7 +140,7 @@ def read_times(path: str | os.PathLike[str]) -> npt.NDArray[np.int64]:
             raise InputError(
                 f"{row.where}: {len(row.words)} values: a row of times is one number of seconds"
             )
-    return _read_stamps(rows, [row.words[0] for row in rows], [], nanoseconds=False)
+    return _read_stamps(rows, [row.words[0] for row in rows], [], 9)
 
 
 def read_pose_matrix(path: str | os.PathLike[str]) -> Pose3:
@@ -225,17 +226,19 @@ def _read_two_words(rows: Sequence[Row], seconds: int, nanoseconds: int) -> Stam
 
 
 def _read_stamps(
-    rows: Sequence[Row], words: Sequence[str], notes: list[Note], nanoseconds: bool
+    rows: Sequence[Row], words: Sequence[str], notes: list[Note], exponent: int
 ) -> StampArray:
     """The stamps [ns] of rows: decimal seconds, unless all say that they are something else."""
-    if nanoseconds or all(len(w) == _NANOSECOND_DIGITS and w.isdecimal() for w in words):
+    if exponent == 0 or all(len(w) == _NANOSECOND_DIGITS and w.isdecimal() for w in words):
         bad = next((i for i, w in enumerate(words) if not _fits_nanoseconds(w)), None)
         if bad is None:
             return np.array([int(word) for word in words], np.int64)
         raise InputError(
             f"{rows[bad].where}: {words[bad][:40]!r} is not a whole number of nanoseconds"
         )
-    if kind_of_stamps(words) == "split":
+    if exponent < 9:
+        words = [_in_seconds(word, exponent) for word in words]
+    elif kind_of_stamps(words) == "split":
         stamps = [split_stamp_ns(word) for word in words]
         if max(stamps) <= MAX_STAMP_NS:
             text = f"{rows[0].where.rpartition(':')[0]}: stamps are seconds.nanoseconds without"
@@ -245,6 +248,14 @@ def _read_stamps(
     return np.array(
         [parse_stamp_ns(row, word) for row, word in zip(rows, words, strict=True)], np.int64
     )
+
+
+def _in_seconds(word: str, exponent: int) -> str:
+    """A stamp in 10^exponent nanoseconds, in seconds; what is no number is left, to be refused."""
+    try:
+        return str(Decimal(word).scaleb(exponent - 9)) if is_number(word) else word
+    except DecimalException:
+        return word
 
 
 def _fits_nanoseconds(word: str) -> bool:

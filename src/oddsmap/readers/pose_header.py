@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from oddsmap.errors import InputError
+
 __all__ = ["PoseColumns", "PoseKind", "columns_by_name"]
 
 PoseKind = Literal["rigid", "planar", "position", "globe"]
@@ -27,7 +29,8 @@ _NAMES = {
     rf"{_IN}(?:header[._/])?stamp[._/]?secs?": "secs",
     rf"{_IN}(?:header[._/])?stamp[._/]?(?:nsecs?|nanosecs?)": "nsecs",
     rf"{_IN}header[._/]stamp": "stamp",
-    r"t|times?|(time)?stamp|secs?|seconds|time_?stamp_?n?s?|time_?n?s|gps_?time|tow": "t",
+    r"(?:rosbag)?(?:t|times?|(?:time_?)?stamp|gps_?time|tow|u)(?:_?(?:s|secs?|seconds|ms|us|ns))?"
+    r"|secs?|seconds|utime|usecs?": "t",
     rf"{_PLACE}x(?:_m)?|easting": "x",
     rf"{_PLACE}y(?:_m)?|northing": "y",
     rf"{_PLACE}z(?:_m)?": "z",
@@ -42,6 +45,10 @@ _PATTERNS = [(re.compile(pattern), key) for pattern, key in _NAMES.items()]
 _ROTATION = re.compile(
     r"(?:q_?|.*orientation[._/]?|.*rotation[._/]?|.*quat(?:ernion)?[._/]?|q_rs_)([xyzw])"
 )
+_EXPONENT = {"ms": 6, "us": 3, "ns": 0, "utime": 3, "usec": 3, "usecs": 3}
+_METRES = ("m", "metre", "metres", "meter", "meters", "-")
+_ANGLES = {"": False, "rad": False, "radians": False, "deg": True, "degrees": True, "°": True}
+_TIMES = {"s": 9, "sec": 9, "secs": 9, "seconds": 9, "ms": 6, "us": 3, "µs": 3, "ns": 0}
 _UNIT = re.compile(r"\s*[\[(](.*?)[\])]\s*$")
 
 
@@ -55,7 +62,7 @@ class PoseColumns:
             or x y z yaw; x y z; latitude, longitude and, where there is one, height.
         stamp: place of the stamp, or None.
         index: place of the number of the scan, or None.
-        nanoseconds: stamps are whole nanoseconds, by the header.
+        exponent: what power of ten of nanoseconds a stamp is in: 9, seconds, or as the header says.
         doubt: what was assumed, in words; empty where nothing was.
         nsecs: place of the nanoseconds where `stamp` is that of whole seconds, or None.
         kind: what the pose is.
@@ -68,7 +75,7 @@ class PoseColumns:
     pose: tuple[int, ...]
     stamp: int | None = None
     index: int | None = None
-    nanoseconds: bool = False
+    exponent: int = 9
     doubt: str = ""
     nsecs: int | None = None
     kind: PoseKind = "rigid"
@@ -86,9 +93,13 @@ def columns_by_name(header: Sequence[str], count: int) -> PoseColumns | None:
 
     Returns:
         None where the header names no whole pose, or one twice.
+
+    Raises:
+        InputError: a unit that is not read.
     """
     places: dict[str, int] = {}
     units: dict[str, str] = {}
+    names: dict[str, str] = {}
     for place, name in enumerate(header):
         unit = _UNIT.search(name)
         plain = _UNIT.sub("", name).strip().strip("\"'").lower().lstrip("%_./ ")
@@ -98,7 +109,8 @@ def columns_by_name(header: Sequence[str], count: int) -> PoseColumns | None:
         if key in places and key != "tilt":
             return None
         places[key] = place
-        units[key] = unit[1].lower() if unit else plain
+        units[key] = unit[1].strip().lower() if unit else ""
+        names[key] = plain
     if len(header) > count:
         return None
     found = _pose(places, units)
@@ -107,12 +119,18 @@ def columns_by_name(header: Sequence[str], count: int) -> PoseColumns | None:
     kind, pose, degrees = found
     if kind != "rigid" and len(header) != count:
         return None  # words of a comment
-    stamp, nsecs, nanoseconds = _stamp(places, units)
+    for key in _XYZ:
+        if units.get(key) and units[key] not in _METRES:
+            raise InputError(f"{names[key]} is in {units[key][:20]}: write positions in metres")
+    stamp, nsecs, exponent = _stamp(places, units, names)
+    if stamp is None and kind == "rigid" and 0 not in places.values():
+        said = f"the header names no stamp, and {header[0][:40]!r} is not known as one"
+        return PoseColumns(count, pose, named=True, doubt=said)
     return PoseColumns(
         count,
         pose,
         stamp=stamp,
-        nanoseconds=nanoseconds,
+        exponent=exponent,
         nsecs=nsecs,
         kind=kind,
         degrees=degrees,
@@ -142,7 +160,9 @@ def _pose(
     angle = next((key for key in ("yaw", "yaw_deg") if key in places), None)
     flat = len(at) >= 2 and {"x", "y"} <= places.keys()
     if flat and angle is not None and "tilt" not in places:
-        degrees = angle == "yaw_deg" or units[angle].startswith("deg")
+        if units[angle] not in _ANGLES:
+            raise InputError(f"{angle} is in {units[angle][:20]}: write it in rad or deg")
+        degrees = angle == "yaw_deg" or _ANGLES[units[angle]]
         return "planar", (*at, places[angle]), degrees
     if len(at) == 3:
         return "position", at, False
@@ -151,19 +171,28 @@ def _pose(
     return None
 
 
-def _stamp(places: dict[str, int], units: dict[str, str]) -> tuple[int | None, int | None, bool]:
-    """The place of the stamp, that of its nanoseconds, and whether it is in nanoseconds.
+def _stamp(
+    places: dict[str, int], units: dict[str, str], names: dict[str, str]
+) -> tuple[int | None, int | None, int]:
+    """The place of the stamp, that of its nanoseconds, and the power of ten of its unit [ns].
 
     The stamp in the header of a message counts, not the time at which the message was written.
     """
     if {"secs", "nsecs"} <= places.keys():
-        return places["secs"], places["nsecs"], False
+        return places["secs"], places["nsecs"], 9
     key = next((key for key in ("stamp", "t") if key in places), None)
     if key is None:
-        return None, None, False
-    name = units[key]
+        return None, None, 9
+    unit, name = units[key], names[key]
+    if unit:
+        if unit not in _TIMES:
+            raise InputError(f"{name} is in {unit[:20]}: write stamps in s, ms, us or ns")
+        return places[key], None, _TIMES[unit]
     # `rostopic echo -p` writes all its times in nanoseconds.
-    return places[key], None, name.endswith("ns") or name.startswith("field.")
+    if name.startswith("field."):
+        return places[key], None, 0
+    found = re.search(r"(?:_|stamp|time|^t)(ms|us|ns)$|^(utime|usecs?)$", name)
+    return places[key], None, _EXPONENT[found[1] or found[2]] if found else 9
 
 
 def _order(places: dict[str, int]) -> str:
