@@ -164,6 +164,12 @@ READERS: dict[str, Reader] = {
             )
             for name in ("laz", "laz-layers")
         ),
+        Reader(
+            "gpx",
+            lambda path: answers.of_log(path, poses="t.gpx"),
+            "a.las",
+            (*_text("t.gpx"), *_binary("a.las", counted=False)[:2]),
+        ),
         _log("e57", "a.e57", *_checked("a.e57")),
         _log("argoverse-sweep", ".", *_binary(f"sensors/lidar/{STAMP}.feather", counted=False)),
         _log("argoverse-poses", ".", *_binary("city_SE3_egovehicle.feather", counted=False)),

@@ -319,6 +319,32 @@ def _las(name: str, form: int) -> Files:
         return {name: path.read_bytes(), "track.csv": f"t,x,y,z\n{rows}".encode()}
 
 
+def _gpx() -> Files:
+    """Points in UTM, which the header says, and a track of GPS above them."""
+    import laspy
+    import pyproj
+
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = np.full(3, 0.001), np.array([500_000.0, 5_400_000.0, 0.0])
+    header.creation_date = None
+    header.add_crs(pyproj.CRS(32632))
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = (_POINTS + header.offsets).T
+    data.gps_time = 1_269_777_618.0 + np.arange(len(_POINTS)) * 0.01
+    back = pyproj.Transformer.from_crs(32632, 4326, always_xy=True)
+    lon, lat = back.transform(500_000.0, 5_400_000.0)
+    rows = "".join(
+        f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}"><ele>5</ele>'
+        f"<time>2020-04-01T12:00:0{i}Z</time></trkpt>\n"
+        for i in range(3)
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.las"
+        data.write(path)
+        track = f'<gpx version="1.1"><trk><trkseg>{rows}</trkseg></trk></gpx>'
+        return {"a.las": path.read_bytes(), "t.gpx": track.encode()}
+
+
 def _e57() -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         pose = oddsmap.Pose3(np.eye(3), np.array([0.5, 0.25, 0.0]))
@@ -369,6 +395,7 @@ SAMPLES: dict[str, Callable[[], Files]] = {
     "las": lambda: _las("a.las", 1),
     "laz": lambda: _las("a.laz", 1),
     "laz-layers": lambda: _las("a.laz", 6),
+    "gpx": _gpx,
     "e57": lambda: _one("a.e57", _e57()),
     "argoverse-sweep": _argoverse,
     "argoverse-poses": _argoverse,

@@ -18,7 +18,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.trajectory import format_seconds
 from oddsmap.scans.note import Note
 
-__all__ = ["Span", "clock_offset_ns"]
+__all__ = ["Span", "clock_offset_ns", "clock_offset_of_utc_ns"]
 
 Span = tuple[int, int]
 """First and last time [ns]."""
@@ -29,6 +29,8 @@ _ADJUSTED = 10**9 * _S
 # From 1970 to 1980, and the leap seconds since (18 from 2017 on).
 _GPS_EPOCH = 315_964_800 * _S
 _LEAP = 18 * _S
+# When a leap second was added: the first days of 2006, 2009, July 2012, July 2015, and 2017.
+_LEAPS = (1_136_073_600, 1_230_768_000, 1_341_100_800, 1_435_708_800, 1_483_228_800)
 # The years from 2000 to 2049: what is farther away was not meant.
 _EARLIEST, _LATEST = 630_000_000 * _S, 2_200_000_000 * _S
 
@@ -64,16 +66,39 @@ def clock_offset_ns(
         ((offset, words),) = found.items()
         text = f"{words}: {format_seconds(offset)} s are added to the former"
         return offset, Note(text, code="stamp.gps", severity="warning")
+    where = f"{path}: its points are from {_words(times)}, the poses of {track_path} from "
+    where += f"{_words(stamps)}: "
+    if found:
+        raise InputError(
+            f"{where}several clocks of GPS would fit: say what to add to the times of the points "
+            "with --clock-offset SECONDS (clock_offset_s=)"
+        )
     raise InputError(
-        f"{path}: its points are from {_words(times)}, and the poses of {track_path} from "
-        f"{_words(stamps)}: in no clock of GPS do they overlap{_unix(times, stamps)}: give the "
-        "trajectory of these points, or what to add to their times with --clock-offset SECONDS "
-        "(clock_offset_s=)"
-        if not found
-        else f"{path}: the clock of its points ({_words(times)}) and of {track_path} "
-        f"({_words(stamps)}) cannot be told: say what to add with --clock-offset SECONDS "
-        "(clock_offset_s=)"
+        f"{where}they overlap in no clock of GPS{_unix(times, stamps)}: say what to add to the "
+        "times of the points with --clock-offset SECONDS (clock_offset_s=)"
     )
+
+
+def clock_offset_of_utc_ns(
+    path: str, times: Span, track_path: str, stamps: Span
+) -> tuple[int, Note | None]:
+    """The same for a trajectory whose stamps are seconds since 1970 in UTC [ns].
+
+    Raises:
+        InputError: as `clock_offset_ns`.
+    """
+    to_gps = _leap_seconds_ns(stamps[0]) - _GPS_EPOCH
+    gps = stamps[0] + to_gps, stamps[1] + to_gps
+    offset, note = clock_offset_ns(path, times, track_path, gps)
+    if note is None:
+        return -to_gps, None
+    text = f"{note}, and its times are in UTC"
+    return offset - to_gps, Note(text, code=note.code, severity=note.severity)
+
+
+def _leap_seconds_ns(stamp: int) -> int:
+    """What GPS is ahead of UTC at a time since 1970 [ns], from 1999 on."""
+    return (13 + sum(stamp >= leap * _S for leap in _LEAPS)) * _S
 
 
 def _candidates(times: Span, stamps: Span) -> Iterator[tuple[int, str]]:
@@ -115,9 +140,9 @@ def _unix(times: Span, stamps: Span) -> str:
     for to_gps in (0, _ADJUSTED):
         offset = to_gps + _GPS_EPOCH - _LEAP
         if _overlap(times, stamps, offset):
-            return f" (Unix time would be --clock-offset {offset // _S}, with 18 leap seconds)"
+            return f" (with 18 leap seconds Unix time is --clock-offset {offset // _S})"
     return ""
 
 
 def _words(span: Span) -> str:
-    return f"{format_seconds(span[0])} to {format_seconds(span[1])} s"
+    return f"{span[0] // _S} to {span[1] // _S} s"

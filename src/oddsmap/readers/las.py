@@ -20,10 +20,20 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
 from oddsmap.limits import memory_limit
 from oddsmap.poses.pose import Pose3
-from oddsmap.readers.gps_time import clock_offset_ns
-from oddsmap.readers.las_points import LasFacts, LasPoints, las_facts, matches, read_las_points
-from oddsmap.readers.options import ReadOptions
+from oddsmap.poses.trajectory import Trajectory
+from oddsmap.readers.gps_time import clock_offset_ns, clock_offset_of_utc_ns
+from oddsmap.readers.gps_track import is_gpx, places_in_map, read_gpx
+from oddsmap.readers.las_points import (
+    LasFacts,
+    LasPoints,
+    las_crs,
+    las_facts,
+    matches,
+    read_las_points,
+)
+from oddsmap.readers.options import FilePath, ReadOptions
 from oddsmap.readers.pose_association import stated_poses
+from oddsmap.readers.pose_file import PoseFile
 from oddsmap.readers.sensor_track import SensorTrack, scan_seen_from
 from oddsmap.scans.log import Log, SensorInfo
 from oddsmap.scans.memory_log import LoadedLog
@@ -79,13 +89,15 @@ def open_las(path: str, options: ReadOptions) -> Log:
         )
     census = _take_census(path)
     _check_coordinates(path, facts)
-    poses = stated_poses(options.poses, replace(options, points_in="map"))
+    poses = _poses(path, options.poses, options, facts)
     tolerance = round((_TOLERANCE_S if options.tolerance_s is None else options.tolerance_s) * 1e9)
     track = SensorTrack.of(poses.trajectory, options.body_from_sensor, tolerance)
     _check_place(path, facts, track)
     offset, note = round(options.clock_offset_s * 1e9), None
     stamps = int(track.stamps_ns[0]), int(track.stamps_ns[-1])
-    if not offset:
+    if not offset and poses.globe and is_gpx(track.path):  # always in UTC
+        offset, note = clock_offset_of_utc_ns(path, census.span, track.path, stamps)
+    elif not offset:
         offset, note = clock_offset_ns(path, census.span, track.path, stamps)
     if not census.in_order:
         needed = census.count * _BYTES_OF_POINT
@@ -100,6 +112,34 @@ def open_las(path: str, options: ReadOptions) -> Log:
         offset_ns=offset,
         in_order=census.in_order,
         opening_notes=(*notes, *poses.notes, *((note,) if note else ())),
+    )
+
+
+def _poses(
+    path: str, stated: FilePath | Trajectory, options: ReadOptions, facts: LasFacts
+) -> PoseFile:
+    """Poses or positions, those of GPS in the coordinates of the points."""
+    if isinstance(stated, Trajectory):
+        return PoseFile(stated)
+    if is_gpx(stated):
+        found = PoseFile(read_gpx(stated), oriented=False, globe=True)
+    else:
+        found = stated_poses(stated, replace(options, points_in="map"), globe_does=True)
+    if not found.globe:
+        return found
+    if facts.unit:
+        raise InputError(
+            f"{path}: its coordinates are in {facts.unit}, and heights of GPS in metres: project "
+            "the track to these coordinates (t x y z)"
+        )
+    text = (
+        "positions of GPS: taken into the coordinates of the points, with their heights as they "
+        "are, which may be off by the height of the geoid"
+    )
+    return replace(
+        found,
+        trajectory=places_in_map(found.trajectory, las_crs(path), path),
+        notes=(*found.notes, Note(text, code="pose.gps", severity="warning")),
     )
 
 

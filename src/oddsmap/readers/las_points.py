@@ -24,7 +24,7 @@ from oddsmap.readers.las_sizes import check_sizes
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["LasFacts", "LasPoints", "las_facts", "matches", "read_las_points"]
+__all__ = ["LasFacts", "LasPoints", "las_crs", "las_facts", "matches", "read_las_points"]
 
 # Points that are decoded at once: 20 MB.
 _CHUNK = 500_000
@@ -86,6 +86,8 @@ def las_facts(path: str) -> LasFacts:
     with _Opened(path) as reader, _decoding(path):
         header = reader.header
         geographic, unit = _coordinates(header.vlrs)
+        if not geographic and not unit:
+            unit = _unit_by_number(header)
         return LasFacts(
             count=int(header.point_count),
             timed="gps_time" in set(header.point_format.dimension_names),
@@ -94,6 +96,24 @@ def las_facts(path: str) -> LasFacts:
             geographic=geographic,
             unit=unit,
         )
+
+
+def las_crs(path: str) -> Any:
+    """The coordinates of a file as pyproj has them.
+
+    Raises:
+        InputError: its header does not say them, or pyproj is missing.
+    """
+    with needs_extra(path, "geo"):
+        import pyproj  # noqa: F401 - laspy imports it
+    with _Opened(path) as reader, _decoding(path):
+        crs = reader.header.parse_crs()
+    if crs is None:
+        raise InputError(
+            f"{path}: its header does not say in which coordinates it is, so that a track of GPS "
+            "cannot be placed in it: project the track to these coordinates (t x y z)"
+        )
+    return crs
 
 
 def read_las_points(path: str) -> Iterator[LasPoints]:
@@ -165,6 +185,16 @@ def _kept(record: Any) -> npt.NDArray[np.bool_]:
     if "withheld" in set(record.point_format.dimension_names):
         kept &= np.asarray(record["withheld"]) == 0
     return np.asarray(kept, np.bool_)
+
+
+def _unit_by_number(header: Any) -> str:
+    """The unit of coordinates that have a number (EPSG), where pyproj is there to look it up."""
+    try:
+        crs = header.parse_crs()
+        unit = "" if crs is None else str(crs.axis_info[0].unit_name)
+    except Exception:  # what cannot be looked up is not known
+        return ""
+    return "" if unit in ("metre", "unknown") else unit
 
 
 def _coordinates(records: Sequence[Any]) -> tuple[bool, str]:

@@ -123,15 +123,17 @@ def match_poses(
     return _by_order(path, file, n, stamps, options)
 
 
-def stated_poses(poses: FilePath | Trajectory, options: ReadOptions) -> PoseFile:
-    """The poses that the caller gives, or those of the file.
+def stated_poses(
+    poses: FilePath | Trajectory, options: ReadOptions, *, globe_does: bool = False
+) -> PoseFile:
+    """The poses that the caller gives, or those of the file; `globe_does` as in `read_pose_file`.
 
     Raises:
         InputError: a file that cannot be read, or without rotations where they are needed.
     """
     if isinstance(poses, Trajectory):
         return PoseFile(poses)
-    file = read_pose_file(poses, positions_do=options.points_in == "map")
+    file = read_pose_file(poses, positions_do=options.points_in == "map", globe_does=globe_does)
     mounted = options.body_from_sensor
     if not file.oriented and mounted is not None and mounted.translation.any():
         raise InputError(

@@ -24,7 +24,7 @@ from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers.number_rows import read_number_rows
 from oddsmap.readers.plain_text import is_number, to_number
 from oddsmap.readers.pose_columns import find_columns
-from oddsmap.readers.pose_header import PoseColumns, PoseKind
+from oddsmap.readers.pose_header import PoseColumns
 from oddsmap.readers.stamp_words import MAX_STAMP_NS, kind_of_stamps, split_stamp_ns
 from oddsmap.readers.text_table import Row, parse_numbers, parse_stamp_ns
 from oddsmap.scans.note import Note
@@ -46,12 +46,14 @@ class PoseFile:
         numbers: which scan each pose is of, where the rows are numbered.
         notes: what was assumed.
         oriented: the poses have rotations; where there are none, they are the identity.
+        globe: positions are latitude and longitude [deg] and height [m].
     """
 
     trajectory: Trajectory
     numbers: tuple[int, ...] | None = None
     notes: tuple[Note, ...] = ()
     oriented: bool = True
+    globe: bool = False
 
 
 def read_trajectory(
@@ -66,6 +68,7 @@ def read_pose_file(
     *,
     times: str | os.PathLike[str] | None = None,
     positions_do: bool = False,
+    globe_does: bool = False,
 ) -> PoseFile:
     """Read a pose file.
 
@@ -73,6 +76,7 @@ def read_pose_file(
         path: KITTI or TUM poses.
         times: stamps of KITTI poses, one number of seconds per row; None: they have no stamps.
         positions_do: poses without a rotation will do, since points are in the map already.
+        globe_does: so will latitudes, longitudes and heights, as they stand in the file.
 
     Raises:
         InputError: a row with another count of numbers, NaN, a quaternion that is not of unit
@@ -85,7 +89,7 @@ def read_pose_file(
     if not rows:
         raise InputError(f"{name}: no poses: check how the file was written")
     columns = find_columns(rows, table.headers)
-    _check_kind(name, columns.kind, positions_do)
+    _check_kind(name, columns, positions_do, globe_does)
     poses = [_read_pose(row, columns) for row in rows]
     trajectory = Trajectory(
         positions=np.array([pose.translation for pose in poses]),
@@ -95,7 +99,7 @@ def read_pose_file(
     notes: list[Note] = []
     if columns.said:
         notes.append(Note(f"{name}: {columns.said}", code="pose.columns"))
-    oriented = columns.kind != "position"
+    oriented = columns.kind not in ("position", "globe")
     if not oriented:
         text = f"{name}: positions without rotations"
         notes.append(Note(text, code="pose.positions"))
@@ -112,7 +116,12 @@ def read_pose_file(
             stamps = _read_two_words(rows, columns.stamp, columns.nsecs)
         else:
             stamps = _read_stamps(rows, words, notes, columns.exponent)
-        return PoseFile(trajectory.with_stamps(stamps), notes=tuple(notes), oriented=oriented)
+        return PoseFile(
+            trajectory.with_stamps(stamps),
+            notes=tuple(notes),
+            oriented=oriented,
+            globe=columns.kind == "globe",
+        )
     place = columns.index
     numbers = None if place is None else tuple(int(row.words[place]) for row in rows)
     if times is None:
@@ -166,7 +175,7 @@ def _read_pose(row: Row, columns: PoseColumns) -> Pose3:
     if not columns.named:
         parse_numbers(row, row.words)
     pose = parse_numbers(row, [row.words[place] for place in columns.pose])
-    if columns.kind == "position":
+    if columns.kind in ("position", "globe"):
         return Pose3(np.eye(3), np.array(pose))
     if columns.kind == "planar":
         *place, angle = pose
@@ -195,15 +204,15 @@ def _doubt_angles(name: str, angles: list[float], notes: list[Note]) -> None:
         notes.append(Note(text, code="pose.degrees", severity="warning"))
 
 
-def _check_kind(name: str, kind: PoseKind, positions_do: bool) -> None:
+def _check_kind(name: str, columns: PoseColumns, positions_do: bool, globe_does: bool) -> None:
     """Refuse what is no pose: a sensor that is somewhere looks somewhere, too."""
-    if kind == "globe":
+    if columns.kind == "globe" and not (globe_does and len(columns.pose) == 3):
         raise InputError(
             f"{name}: latitudes and longitudes, without rotations: a fix of GPS does not say where "
-            "the sensor looks; give poses in metres (x y z qx qy qz qw), or, for LAS, positions in "
-            "the coordinates of its points (t x y z)"
+            "the sensor looks, which does only for LAS, and with heights; give poses in metres "
+            "(x y z qx qy qz qw)"
         )
-    if kind == "position" and not positions_do:
+    if columns.kind == "position" and not positions_do:
         raise InputError(
             f"{name}: the columns are positions, x y z, without rotations (qx qy qz qw or theta), "
             "which do only for points that are in the map already (--points-in map, LAS): give "
