@@ -167,8 +167,9 @@ Origin = Annotated[
     tuple[float, float, float] | None,
     typer.Option(
         "--origin",
-        metavar="X Y Z",
-        help="Where the sensor stood [metres], for points that are in the map and have no poses.",
+        metavar="METRES METRES METRES",
+        help="x, y and z of the place where the sensor stood, for points that are in the map and "
+        "have no poses; by default the poses say it.",
     ),
 ]
 
