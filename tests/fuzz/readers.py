@@ -17,6 +17,7 @@ from tests.fuzz.bytes_and_lines import (
     cut_a_member,
     flip_bits,
 )
+from tests.fuzz.e57_changes import change_pages
 from tests.fuzz.image_changes import change_chunks, change_pgm_header
 from tests.fuzz.mutant import Change, Files, Mutator, on_file
 from tests.fuzz.npz_changes import change_archive, change_array
@@ -170,7 +171,7 @@ READERS: dict[str, Reader] = {
             "a.las",
             (*_text("t.gpx"), *_binary("a.las", counted=False)[:2]),
         ),
-        _log("e57", "a.e57", *_checked("a.e57")),
+        _log("e57", "a.e57", *_checked("a.e57"), *[on_file("a.e57", change_pages, "any")] * 6),
         _log("argoverse-sweep", ".", *_binary(f"sensors/lidar/{STAMP}.feather", counted=False)),
         _log("argoverse-poses", ".", *_binary("city_SE3_egovehicle.feather", counted=False)),
         _log("octomap-graph", "a.graph", *_binary("a.graph", counted=False)),
