@@ -169,6 +169,27 @@ def test_one_place(tmp_path: Path) -> None:
         np.testing.assert_allclose(ends, points, atol=1e-8)
 
 
+def test_points_on_borders_of_cells_mark_the_cells_that_they_are_in(tmp_path: Path) -> None:
+    """Of coordinates in centimetres a fifth lies on borders of 5 cm, far from 0 as in UTM.
+
+    The sensor is below the points, nearer to 0, where doubles are finer.
+    """
+    rng = np.random.default_rng(8)
+    hill = np.array([0.0, 0.0, 300.0])
+    points = np.round(UTM + hill + rng.integers(0, 2000, (300, 3)) / 100.0, 2)
+    times = START + np.sort(rng.uniform(0.0, 0.9, 300))
+    path = write_las(tmp_path / "a.las", points, times)
+    file = laspy.read(path)
+    points = np.stack([file.x, file.y, file.z], axis=1)
+    expected = {tuple(cell) for cell in np.floor(points / 0.05).astype(int).tolist()}
+    body = track(tmp_path / "t.csv")
+    body.write_text(body.read_text().replace(",50.000", ",50.0123"))
+    for options in ({"poses": body}, {"origin": HIGH + 0.123}):
+        grid = build_map(open_log(path, **options), 0.05, sensor=BeamSensor(), votes="beam")
+        index, hits, _ = grid.cells()
+        assert {tuple(cell) for cell in index[hits > 0].tolist()} == expected
+
+
 def test_a_lever_arm(tmp_path: Path) -> None:
     points, times = flight()
     stamps = np.round((np.arange(10) / 4 - 0.25 + START) * 1e9).astype(np.int64)

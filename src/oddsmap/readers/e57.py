@@ -23,6 +23,7 @@ from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.readers.extras import needs_extra
 from oddsmap.readers.options import ReadOptions
 from oddsmap.readers.pose_association import PoseMatch, match_poses
+from oddsmap.readers.sensor_track import pose_at
 from oddsmap.readers.viewpoints import in_sensor_frame
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.note import Note
@@ -108,7 +109,7 @@ def _pose_of(
 ) -> Pose3:
     """The pose of a scan; of one place, with the axes of the map."""
     if options.origin is not None:
-        return Pose3(np.eye(3), np.array(options.origin))
+        return pose_at(np.array(options.origin))
     if match is not None:
         return match.map_from_sensor(i)
     if not posed:

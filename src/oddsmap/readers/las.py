@@ -19,7 +19,6 @@ import numpy as np
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
 from oddsmap.limits import memory_limit
-from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers.gps_time import clock_offset_ns, clock_offset_of_utc_ns
 from oddsmap.readers.gps_track import is_gpx, places_in_map, read_gpx
@@ -34,7 +33,7 @@ from oddsmap.readers.las_points import (
 from oddsmap.readers.options import FilePath, ReadOptions
 from oddsmap.readers.pose_association import stated_poses
 from oddsmap.readers.pose_file import PoseFile
-from oddsmap.readers.sensor_track import SensorTrack, scan_seen_from
+from oddsmap.readers.sensor_track import SensorTrack, pose_at, scan_seen_from
 from oddsmap.scans.log import Log, SensorInfo
 from oddsmap.scans.memory_log import LoadedLog
 from oddsmap.scans.note import Note
@@ -302,9 +301,9 @@ def _from_one_place(
     """All points as one scan."""
     parts: list[LasPoints] = list(read_las_points(path))
     points = np.concatenate([np.empty((0, 3)), *(part.points for part in parts)])
-    place = np.array(origin)
+    pose = pose_at(np.array(origin))
     left_out = sum(part.left_out for part in parts)
-    scan = Scan.from_points(Pose3(np.eye(3), place), points - place)
+    scan = Scan.from_points(pose, points - pose.translation)
     return LoadedLog(
         path=path,
         format=_FORMAT,

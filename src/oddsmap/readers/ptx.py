@@ -22,6 +22,7 @@ from oddsmap.readers.cloud_header import is_count
 from oddsmap.readers.compression import Source
 from oddsmap.readers.options import ReadOptions
 from oddsmap.readers.plain_text import is_number
+from oddsmap.readers.sensor_track import pose_at
 from oddsmap.readers.text_table import Row, parse_numbers, parse_table
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.note import Note
@@ -88,7 +89,8 @@ def open_ptx(source: Source, options: ReadOptions) -> LazyLog:
         pose = setup.pose
         if options.origin is not None or in_map[i]:
             origin = setup.place if options.origin is None else np.array(options.origin)
-            pose, points = Pose3(np.eye(3), origin), points - origin
+            pose = pose_at(origin)
+            points = points - pose.translation
             points[missing] = 0.0
         elif _is_identity(pose):
             _check_near(source.path, points[~missing])

@@ -34,6 +34,7 @@ from oddsmap.readers.pose_association import (
     sorted_by_name,
 )
 from oddsmap.readers.pose_file import PoseFile
+from oddsmap.readers.sensor_track import pose_at
 from oddsmap.readers.viewpoints import any_viewpoint, frame_note, in_sensor_frame
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.memory_log import LoadedLog
@@ -104,7 +105,7 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         cloud = read_cloud(source)
         found.add(i, cloud.notes)
         if options.origin is not None:
-            pose, stamp_ns = _pose_at(options.origin), None
+            pose, stamp_ns = pose_at(np.array(options.origin)), None
         elif match is None:
             body = viewpoint_pose(source.path, cloud.viewpoint) or _identity()
             pose, stamp_ns = options.sensor_pose(body), None
@@ -158,7 +159,7 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
         stamp_ns = None
         if options.origin is not None:
             options.refuse(source.path, _ONE_PLACE, "body_from_sensor", "times")
-            pose = _pose_at(options.origin)
+            pose = pose_at(np.array(options.origin))
         elif options.poses is not None:
             names = [Path(source.path).name]
             match = match_poses(source.path, names, options.poses, options.times, options)
@@ -210,11 +211,6 @@ def _match(
         f"{name}: {len(files)} scans without poses ({' or '.join(POSE_NAMES)} would be "
         f"read{no_viewpoint}): name the poses with --poses (poses=)"
     )
-
-
-def _pose_at(origin: tuple[float, float, float]) -> Pose3:
-    """A sensor of which the place is known, and whose axes do not matter."""
-    return Pose3(np.eye(3), np.array(origin))
 
 
 @cache

@@ -17,7 +17,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory, format_seconds
 from oddsmap.scans.scan import Scan
 
-__all__ = ["SensorTrack", "scan_seen_from"]
+__all__ = ["SensorTrack", "pose_at", "scan_seen_from"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,6 +89,11 @@ class SensorTrack:
         return places, known
 
 
+def pose_at(place: FloatArray) -> Pose3:
+    """A sensor at a place [m], shape (3,), with the axes of the map, for points that are in it."""
+    return Pose3(np.eye(3), np.array(place, np.float64))
+
+
 def scan_seen_from(points: FloatArray, origins: FloatArray, times_ns: IntArray) -> Scan:
     """One scan of points in the map, each seen from a place of its own.
 
@@ -99,7 +104,7 @@ def scan_seen_from(points: FloatArray, origins: FloatArray, times_ns: IntArray) 
         origins: where the ray of each point starts in the map [m], shape (n, 3).
         times_ns: time of each point [ns], shape (n,).
     """
-    pose = Pose3(np.eye(3), origins[0].copy())
+    pose = pose_at(origins[0])
     scan = Scan.from_points(pose, points - origins, int(times_ns[0]))
     object.__setattr__(scan, "beam_times_ns", times_ns)
     object.__setattr__(scan, "beam_origins", origins - pose.translation)
