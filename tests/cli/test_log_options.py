@@ -50,6 +50,7 @@ def test_each_option_reaches_the_reader(office: Path) -> None:
         (LogOptions(extrinsics=read_extrinsics("0 0 0 0 0 0 1")), "body_from_sensor"),
         (LogOptions(camera=read_camera("9 9 9 9 9 9")), "camera"),
         (LogOptions(points_in="map"), "points_in"),
+        (LogOptions(origin=(0.0, 0.0, 0.0)), "origin"),
         (LogOptions(columns="x,y,z"), "columns"),
         (LogOptions(depth_scale=1000.0), "depth_scale"),
     ):
@@ -114,3 +115,31 @@ def test_the_scale_of_depths(run: Run, tmp_path: Path, office: Path, command: st
     }[command]
     assert "leave `depth_scale` out" in run(command, *words, "--depth-scale", "1000").line
     assert "depth_scale is how many units" in run(command, *words, "--depth-scale", "0").line
+
+
+@pytest.mark.parametrize("command", ["build", "score", "calibrate", "info"])
+def test_where_a_sensor_stood(run: Run, tmp_path: Path, command: str) -> None:
+    cloud, grid = tmp_path / "a.pcd", tmp_path / "m.zarr"
+    cloud.write_bytes(pcd_bytes(np.random.default_rng(0).uniform(2.0, 9.0, (300, 3))))
+    run("build", cloud, "--origin", "-1", "-2.5", "0", "--resolution", 0.5, "-o", grid)
+    words = {
+        "build": (cloud, "--resolution", 0.5, "-o", tmp_path / "n.zarr", "--json"),
+        "score": (grid, cloud, "--json"),
+        "calibrate": (cloud, "--resolution", 0.5, "-o", tmp_path / "s.toml", "--json"),
+        "info": (cloud, "--json"),
+    }[command]
+    place = ("--origin", "-1", "-2.5", "0")
+    assert "origin is three numbers" in run(command, *words, "--origin", "0", "0", "nan").line
+    if command == "info":
+        assert run(command, *words, *place).json["y [m]"] == [-2.5, -2.5]
+
+
+def test_the_place_of_a_sensor_in_a_file(run: Run, tmp_path: Path) -> None:
+    cloud, mount = tmp_path / "a.pcd", tmp_path / "mount.txt"
+    cloud.write_bytes(pcd_bytes(np.array([[1.0, 0.0, 0.0]])))
+    mount.write_text("1 0 0 5\n0 1 0 6\n0 0 1 7\n0 0 0 1\n")
+    grid = tmp_path / "m.zarr"
+    words = ("build", cloud, "--resolution", 0.5, "-o", grid, "--json", "--set", "map.votes='beam'")
+    assert run(*words, "--body-from-sensor", mount).json["hits"] == 1.0
+    index, hits, _ = oddsmap.load_map(grid).cells()
+    assert index[hits > 0].tolist() == [[12, 12, 14]]

@@ -40,11 +40,11 @@ class Answer(NamedTuple):
     """What the reader counted as skipped and what it warned of."""
 
 
-def of_log(path: Path) -> Answer:
+def of_log(path: Path, **options: Any) -> Answer:
     """A log, what `info` says of it, and a map of it."""
     from oddsmap.cli.info import _of_log
 
-    log = oddsmap.open_log(path)
+    log = oddsmap.open_log(path, **options)
     values: list[Any] = [dict(log.sensor)]
     for scan in log:
         pose = scan.map_from_sensor

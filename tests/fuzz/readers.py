@@ -19,11 +19,13 @@ from tests.fuzz.bytes_and_lines import (
     flip_bits,
     put_absurd_number,
 )
+from tests.fuzz.e57_changes import change_pages
 from tests.fuzz.image_changes import change_chunks, change_pgm_header
 from tests.fuzz.mutant import Change, Files, Mutator, on_file
 from tests.fuzz.npz_changes import change_archive, change_array
 from tests.fuzz.samples import GRIDS, SAMPLES, SCANS, SCANS_3D
 from tests.fuzz.text_changes import change_json, change_toml, change_yaml
+from tests.readers.argoverse_files import STAMP
 
 __all__ = ["READERS", "Reader"]
 
@@ -172,6 +174,34 @@ READERS: dict[str, Reader] = {
             *_text("groundtruth.txt"),
         ),
         *RECORDINGS,
+        _log("poses-csv", ".", *_text("poses.txt")),
+        _log("kitti-raw", ".", *_text("calib_velo_to_cam.txt")),
+        _log("ptx", "a.ptx", *_text("a.ptx")),
+        _log("rawlog", "a.rawlog", *_binary("a.rawlog", counted=False)),
+        Reader(
+            "las",
+            lambda path: answers.of_log(path, poses="track.csv"),
+            "a.las",
+            (*_binary("a.las", counted=False), *_text("track.csv")[:2]),
+        ),
+        *(
+            Reader(
+                name,
+                lambda path: answers.of_log(path, poses="track.csv"),
+                "a.laz",
+                _binary("a.laz", counted=False),
+            )
+            for name in ("laz", "laz-layers")
+        ),
+        Reader(
+            "gpx",
+            lambda path: answers.of_log(path, poses="t.gpx"),
+            "a.las",
+            (*_text("t.gpx"), *_binary("a.las", counted=False)[:2]),
+        ),
+        _log("e57", "a.e57", *_checked("a.e57"), *[on_file("a.e57", change_pages, "any")] * 6),
+        _log("argoverse-sweep", ".", *_binary(f"sensors/lidar/{STAMP}.feather", counted=False)),
+        _log("argoverse-poses", ".", *_binary("city_SE3_egovehicle.feather", counted=False)),
         _log("octomap-graph", "a.graph", *_binary("a.graph", counted=False)),
         Reader("octomap-bt", answers.of_octomap, "a.bt", _binary("a.bt")),
         Reader("octomap-bt-dense", answers.of_octomap, "a.bt", _binary("a.bt")),

@@ -24,7 +24,10 @@ from tests.full_map.kit import SONAR, room
 from tests.fuzz.mutant import Files
 from tests.fuzz.npz_changes import npz
 from tests.kit import random_scans
+from tests.readers.argoverse_files import argoverse_log
 from tests.readers.clouds import graph_bytes, pcd_bytes, ply_bytes
+from tests.readers.rawlogs import rawlog
+from tests.readers.setups import Setup, e57_file, ptx_text
 
 __all__ = ["GRIDS", "SAMPLES", "SCANS", "SCANS_3D", "folder_files"]
 
@@ -285,6 +288,76 @@ def _zarr(kind: str) -> Files:
         return {f"a.zarr/{name}": content for name, content in folder_files(path).items()}
 
 
+def _csv_poses() -> str:
+    """As pandas exports odometry."""
+    names = ",Time,header.stamp.secs,header.stamp.nsecs,header.frame_id,"
+    names += ",".join(f"pose.pose.orientation.{n}" for n in "wxyz") + ","
+    names += ",".join(f"pose.pose.position.{n}" for n in "xyz") + ",pose.covariance\n"
+    rows = [f'{i},9.5,{i},0,odom,1,0,0,0,0.{i},0,0,"(0.1, 0.2)"\n' for i in range(3)]
+    return names + "".join(rows)
+
+
+def _kitti_raw() -> Files:
+    rows = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(3))
+    calib = "calib_time: 15-Mar-2012\nR: 0 -1 0 0 0 -1 1 0 0\nT: 0.1 -0.2 -0.3\ndelta_f: 0 0\n"
+    return {**_kitti(rows), "calib_velo_to_cam.txt": calib.encode()}
+
+
+def _las(name: str, form: int) -> Files:
+    import laspy
+
+    header = laspy.LasHeader(point_format=form, version="1.4")
+    header.scales = np.full(3, 0.001)
+    header.creation_date = None
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = _POINTS.T
+    data.gps_time = 1000.0 + np.arange(len(_POINTS)) * 0.01
+    rows = "".join(f"{1000 + i / 10:.1f},0,0,{3 + 0.1 * i:.1f}\n" for i in range(6))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        data.write(path)
+        return {name: path.read_bytes(), "track.csv": f"t,x,y,z\n{rows}".encode()}
+
+
+def _gpx() -> Files:
+    """Points in UTM, which the header says, and a track of GPS above them."""
+    import laspy
+    import pyproj
+
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = np.full(3, 0.001), np.array([500_000.0, 5_400_000.0, 0.0])
+    header.creation_date = None
+    header.add_crs(pyproj.CRS(32632))
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = (_POINTS + header.offsets).T
+    data.gps_time = 1_269_777_618.0 + np.arange(len(_POINTS)) * 0.01
+    back = pyproj.Transformer.from_crs(32632, 4326, always_xy=True)
+    lon, lat = back.transform(500_000.0, 5_400_000.0)
+    rows = "".join(
+        f'<trkpt lat="{lat:.8f}" lon="{lon:.8f}"><ele>5</ele>'
+        f"<time>2020-04-01T12:00:0{i}Z</time></trkpt>\n"
+        for i in range(3)
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.las"
+        data.write(path)
+        track = f'<gpx version="1.1"><trk><trkseg>{rows}</trkseg></trk></gpx>'
+        return {"a.las": path.read_bytes(), "t.gpx": track.encode()}
+
+
+def _e57() -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        pose = oddsmap.Pose3(np.eye(3), np.array([0.5, 0.25, 0.0]))
+        invalid = np.arange(len(_POINTS)) % 10 == 3
+        setups = [Setup(_POINTS, pose, invalid=invalid.astype(np.int64)), Setup(_POINTS, pose)]
+        return e57_file(Path(folder) / "a.e57", setups).read_bytes()
+
+
+def _argoverse() -> Files:
+    with tempfile.TemporaryDirectory() as folder:
+        return folder_files(argoverse_log(Path(folder) / "log", sweeps=1))
+
+
 def _one(name: str, content: bytes) -> Files:
     return {name: content}
 
@@ -323,6 +396,17 @@ SAMPLES: dict[str, Callable[[], Files]] = {
     "kitti-bin": lambda: _kitti("".join(_IDENTITY_ROW.format(i) for i in range(3))),
     "poses-kitti": lambda: _kitti("".join(_IDENTITY_ROW.format(i) for i in range(3))),
     "poses-tum": lambda: _kitti(_tum_poses()),
+    "poses-csv": lambda: _kitti(_csv_poses()),
+    "kitti-raw": _kitti_raw,
+    "ptx": lambda: _one("a.ptx", ptx_text(_POINTS, oddsmap.Pose3(np.eye(3), np.ones(3))).encode()),
+    "rawlog": lambda: _one("a.rawlog", rawlog()),
+    "las": lambda: _las("a.las", 1),
+    "laz": lambda: _las("a.laz", 1),
+    "laz-layers": lambda: _las("a.laz", 6),
+    "gpx": _gpx,
+    "e57": lambda: _one("a.e57", _e57()),
+    "argoverse-sweep": _argoverse,
+    "argoverse-poses": _argoverse,
     "rgbd-7scenes": _seven_scenes,
     "rgbd-tum": _tum,
     "recording-bag": lambda: _recording("bag"),

@@ -73,7 +73,7 @@ def test_an_unknown_type_names_the_known_ones(tmp_path: Path, content: bytes) ->
     message = str(caught.value)
     assert message.startswith(f"{path}: unknown file type (it starts with b")
     known = "NPZ beam and grid logs, PCD scans, PLY scans, OctoMap scan graphs, "
-    known += "g2o graphs with scans and CARMEN logs"
+    known += "g2o graphs, MRPT rawlogs, PTX scans and CARMEN logs"
     assert f"reads {known}, plain or compressed with gzip or bzip2; KITTI .bin" in message
     assert "\n" not in message
 

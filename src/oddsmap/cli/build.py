@@ -20,6 +20,7 @@ from oddsmap.cli.options import (
     Columns,
     DepthScale,
     Frame,
+    Origin,
     PointsIn,
     Poses,
     Quiet,
@@ -126,6 +127,7 @@ def build(
     extrinsics: BodyFromSensor = None,
     camera: Camera = None,
     points_in: PointsIn = None,
+    origin: Origin = None,
     columns: Columns = None,
     depth_scale: DepthScale = None,
     config: Annotated[
@@ -161,6 +163,7 @@ def build(
             depth_scale=depth_scale,
             skip_bad=skip_bad,
             points_in=points_in,
+            origin=origin,
             columns=columns,
         ),
         output=output,

@@ -18,6 +18,7 @@ from oddsmap.cli.options import (
     Columns,
     DepthScale,
     Frame,
+    Origin,
     PointsIn,
     Poses,
     Quiet,
@@ -77,6 +78,7 @@ def calibrate(
     extrinsics: BodyFromSensor = None,
     camera: Camera = None,
     points_in: PointsIn = None,
+    origin: Origin = None,
     columns: Columns = None,
     depth_scale: DepthScale = None,
     config: Annotated[Path | None, config_option("where to start, section sensor")] = None,
@@ -105,6 +107,7 @@ def calibrate(
         depth_scale=depth_scale,
         skip_bad=skip_bad,
         points_in=points_in,
+        origin=origin,
         columns=columns,
     )
     layers = _read_layers(config, settings, resolution)

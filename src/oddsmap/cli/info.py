@@ -13,6 +13,7 @@ from oddsmap.cli.layout import fitted, screen_width
 from oddsmap.cli.log_options import LogOptions
 from oddsmap.cli.options import (
     Columns,
+    Origin,
     PointsIn,
     Poses,
     Quiet,
@@ -53,6 +54,7 @@ def info(
     ],
     poses: Poses = None,
     points_in: PointsIn = None,
+    origin: Origin = None,
     columns: Columns = None,
     skip_bad: SkipBad = False,
     as_json: Annotated[bool, json_option("the facts")] = False,
@@ -63,7 +65,9 @@ def info(
     from oddsmap.cli.files import check_files
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
-    options = LogOptions(poses=poses, points_in=points_in, columns=columns, skip_bad=skip_bad)
+    options = LogOptions(
+        poses=poses, points_in=points_in, origin=origin, columns=columns, skip_bad=skip_bad
+    )
     check_files([path, *options.files(path)], force=False)
     facts = _facts(path, options, quiet=voice.still)
     voice.facts(facts)
@@ -105,8 +109,8 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
 
             if log_options != LogOptions(skip_bad=log_options.skip_bad):
                 raise ConfigError(
-                    f"{path}: info lists all that a recording holds: leave --poses, --points-in "
-                    "and --columns out"
+                    f"{path}: info lists all that a recording holds: leave --poses, "
+                    "--points-in, --origin and --columns out"
                 )
             # Damage is one of the facts.
             return describe(open_ros_recording(str(path), skip_bad=True))

@@ -28,6 +28,7 @@ class LogOptions:
     camera: PinholeCamera | None = None
     skip_bad: bool = False
     points_in: PointFrame | None = None
+    origin: tuple[float, float, float] | None = None
     columns: str | None = None
     depth_scale: float | None = None
     scans: tuple[str, ...] = ()
@@ -63,6 +64,7 @@ class LogOptions:
             camera=self.camera,
             skip_bad=self.skip_bad,
             points_in=self.points_in,
+            origin=self.origin,
             columns=self.columns,
             depth_scale=self.depth_scale,
             scans=self.scans,
@@ -72,15 +74,19 @@ class LogOptions:
 
 
 def read_extrinsics(text: str | None) -> Pose3 | None:
-    """What --body-from-sensor says.
+    """What --body-from-sensor says: seven numbers, or a file.
 
     Raises:
-        ConfigError: not seven numbers.
+        ConfigError: neither.
     """
     from oddsmap.poses.pose import Pose3
 
     if text is None:
         return None
+    if text and Path(text).is_file():
+        from oddsmap.readers.kitti_calib import read_extrinsics_file
+
+        return read_extrinsics_file(text)
     numbers = _numbers("--body-from-sensor", text, "x y z qx qy qz qw")
     return Pose3.from_quaternion_xyzw(numbers[:3], numbers[3:])
 

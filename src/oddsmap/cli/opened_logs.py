@@ -101,6 +101,7 @@ def _watched(log: Log, config: Config, every: int | None) -> OpenedLog:
 
     range_max = getattr(config.sensor, "range_max", None)
     sample = Sample(log.scan_count, float("inf") if range_max is None else range_max)
-    watched = WatchedLog(log, sample)
+    # Points of the map fit together however their poses are.
+    watched = log if getattr(log, "points_in_map", False) else WatchedLog(log, sample)
     mapped = watched if every is None else hold_out(watched, every)[0]
     return OpenedLog(mapped, config, sample)

@@ -20,6 +20,7 @@ __all__ = [
     "Columns",
     "DepthScale",
     "Frame",
+    "Origin",
     "PointsIn",
     "Poses",
     "Quiet",
@@ -138,9 +139,9 @@ BodyFromSensor = Annotated[
     str | None,
     typer.Option(
         "--body-from-sensor",
-        metavar="'X Y Z QX QY QZ QW'",
-        help="Where the sensor sits on the body that the poses are of [metres, quaternion]; by "
-        "default the poses are the sensor's.",
+        metavar="'X Y Z QX QY QZ QW'|FILE",
+        help="Where the sensor sits on the body that the poses are of [metres, quaternion], or a "
+        "file with the 3 x 4 or 4 x 4 matrix; by default the poses are the sensor's.",
     ),
 ]
 
@@ -159,6 +160,16 @@ PointsIn = Annotated[
         "--points-in",
         help="The frame that the points of clouds are in; by default the sensor's, and asked for "
         "where PCD's VIEWPOINT leaves it open.",
+    ),
+]
+
+Origin = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(
+        "--origin",
+        metavar="METRES METRES METRES",
+        help="x, y and z of the place where the sensor stood, for points that are in the map and "
+        "have no poses; by default the poses say it.",
     ),
 ]
 

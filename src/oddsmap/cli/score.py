@@ -18,6 +18,7 @@ from oddsmap.cli.options import (
     Columns,
     DepthScale,
     Frame,
+    Origin,
     PointsIn,
     Poses,
     Quiet,
@@ -77,6 +78,7 @@ def score(
     extrinsics: BodyFromSensor = None,
     camera: Camera = None,
     points_in: PointsIn = None,
+    origin: Origin = None,
     columns: Columns = None,
     depth_scale: DepthScale = None,
     config: Annotated[Path | None, config_option("another sensor model, section sensor")] = None,
@@ -106,6 +108,7 @@ def score(
         depth_scale=depth_scale,
         skip_bad=skip_bad,
         points_in=points_in,
+        origin=origin,
         columns=columns,
     )
     layers = read_layers(config, settings)

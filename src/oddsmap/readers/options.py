@@ -32,6 +32,7 @@ class ReadOptions:
     skip_bad: bool = False
     tolerance_s: float | None = None
     points_in: PointFrame | None = None
+    origin: tuple[float, float, float] | None = None
     columns: tuple[str, ...] | None = None
     depth_scale: float | None = None
     scans: tuple[str, ...] = ()
@@ -43,6 +44,8 @@ class ReadOptions:
             raise ConfigError(f"tolerance_s is a time of 0 s or more, got {self.tolerance_s}")
         if self.points_in is not None and self.points_in not in get_args(PointFrame):
             raise ConfigError(f"points_in is 'sensor' or 'map', got {self.points_in!r}")
+        if self.origin is not None:
+            self._check_origin(self.origin)
         if self.depth_scale is not None and not 0.0 < self.depth_scale < math.inf:
             raise ConfigError(
                 "depth_scale is how many units of a depth image make a metre (1000: they are in "
@@ -54,13 +57,26 @@ class ReadOptions:
                 f"{','.join(self.columns)!r}"
             )
 
-        if not -1e9 < self.clock_offset_s < 1e9:
+        if not -4e9 < self.clock_offset_s < 4e9:
             raise ConfigError(f"clock_offset_s is a number of seconds, got {self.clock_offset_s}")
+
+    def _check_origin(self, origin: tuple[float, float, float]) -> None:
+        if len(origin) != 3 or not all(map(math.isfinite, origin)):
+            raise ConfigError(f"origin is three numbers x y z [m], got {origin!r}"[:200])
+        if self.poses is not None:
+            raise ConfigError("origin is where a sensor stood that has no poses: leave one out")
+        if self.points_in == "sensor":
+            raise ConfigError("origin is for points in the map: leave points_in 'sensor' out")
 
     @property
     def tolerance_ns(self) -> int:
         """The tolerance [ns], by default 20 ms."""
         return round((0.02 if self.tolerance_s is None else self.tolerance_s) * 1e9)
+
+    @property
+    def points_in_map(self) -> bool:
+        """The points are in the frame of the map."""
+        return self.points_in == "map" or self.origin is not None
 
     def sensor_pose(self, map_from_body: Pose3) -> Pose3:
         """The pose of the sensor, given that of the body that carries it."""
@@ -76,6 +92,7 @@ class ReadOptions:
             "body_from_sensor": "has the poses of its sensor",
             "camera": "holds no depth images",
             "points_in": "has its points in the frame of its sensor",
+            "origin": "says where its sensor was",
             "columns": "has no .bin columns",
             "depth_scale": "holds no depth images",
             "scans": "has no topics",

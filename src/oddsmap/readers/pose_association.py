@@ -34,6 +34,7 @@ __all__ = [
     "match_poses",
     "natural_key",
     "sorted_by_name",
+    "stated_poses",
 ]
 
 POSE_NAMES = ("poses.txt", "poses_kitti.txt", "poses_tum.txt", "groundtruth.txt")
@@ -94,10 +95,7 @@ def match_poses(
         InputError: counts that do not fit, or a file that cannot be read.
     """
     n = len(names)
-    if isinstance(poses, PoseFile):
-        file = poses
-    else:
-        file = PoseFile(poses) if isinstance(poses, Trajectory) else read_pose_file(poses)
+    file = poses if isinstance(poses, PoseFile) else stated_poses(poses, options)
     trajectory, rows = file.trajectory, _rows_of_scans(names, file)
     read = None if times is None else read_times(times)
     stamps = stamps_ns
@@ -123,6 +121,26 @@ def match_poses(
     if rows is not None:
         return _by_number(names, file, rows, trajectory, stamps, options)
     return _by_order(path, file, n, stamps, options)
+
+
+def stated_poses(
+    poses: FilePath | Trajectory, options: ReadOptions, *, globe_does: bool = False
+) -> PoseFile:
+    """The poses that the caller gives, or those of the file; `globe_does` as in `read_pose_file`.
+
+    Raises:
+        InputError: a file that cannot be read, or without rotations where they are needed.
+    """
+    if isinstance(poses, Trajectory):
+        return PoseFile(poses)
+    file = read_pose_file(poses, positions_do=options.points_in == "map", globe_does=globe_does)
+    mounted = options.body_from_sensor
+    if not file.oriented and mounted is not None and mounted.translation.any():
+        raise InputError(
+            f"{os.fspath(poses)}: positions without rotations do not say where a sensor beside "
+            "them was: leave body_from_sensor (--body-from-sensor) out, or give whole poses"
+        )
+    return file
 
 
 def _by_number(

@@ -7,56 +7,28 @@ numbers are 8, 12 or 16 with one more at either end: rotations show which, or it
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
 from oddsmap.readers.plain_text import is_number, to_number
+from oddsmap.readers.pose_header import PoseColumns, columns_by_name
 from oddsmap.readers.text_table import Row
 
-__all__ = ["PoseColumns", "find_columns"]
+__all__ = ["find_columns"]
 
 FloatArray = npt.NDArray[np.float64]
 
-_KITTI, _MATRIX, _TUM = 12, 16, 8
+_KITTI, _MATRIX, _TUM, _PLANAR = 12, 16, 8, 4
 _TOLERANCE = 1e-3
+
+# Angles from -pi to pi or from 0 to 2 pi, with some rounding.
+_FULL_TURN = 6.3
 
 # A number this large is seconds since 1970, not the number of a scan.
 _MAX_INDEX = 10**8
-
-_STAMP = re.compile(r"t|times?|(time)?stamp|secs?|seconds|time_?stamp_?n?s?|time_?n?s")
-_POSITION = re.compile(
-    r"(?:t_?|p_?|.*position[._]?|pos[._]?|.*trans(?:lation)?[._]?|p_rs_r_)?([xyz])"
-)
-_ROTATION = re.compile(
-    r"(?:q_?|.*orientation[._]?|.*rotation[._]?|.*quat(?:ernion)?[._]?|q_rs_)([xyzw])"
-)
-_UNIT = re.compile(r"\s*[\[(](.*?)[\])]\s*$")
-
-
-@dataclass(frozen=True, slots=True)
-class PoseColumns:
-    """Places in a row.
-
-    Args:
-        count: how many numbers a row has.
-        pose: 12 or 16 places of a matrix, row-major, or 7 of x y z qx qy qz qw.
-        stamp: place of the stamp, or None.
-        index: place of the number of the scan, or None.
-        nanoseconds: stamps are whole nanoseconds, by the header.
-        doubt: what was assumed, in words; empty where nothing was.
-    """
-
-    count: int
-    pose: tuple[int, ...]
-    stamp: int | None = None
-    index: int | None = None
-    nanoseconds: bool = False
-    doubt: str = ""
 
 
 def find_columns(rows: Sequence[Row], headers: Sequence[Sequence[str]]) -> PoseColumns:
@@ -71,9 +43,15 @@ def find_columns(rows: Sequence[Row], headers: Sequence[Sequence[str]]) -> PoseC
     """
     count = len(rows[0].words)
     for header in reversed(headers):
-        named = _by_names(header, count)
+        try:
+            named = columns_by_name(header, count)
+        except InputError as error:
+            raise InputError(f"{rows[0].where.rpartition(':')[0]}: {error}") from None
         if named is not None:
             return named
+    messages = _as_messages(rows)
+    if messages is not None:
+        return messages
     if count == _KITTI:
         return PoseColumns(count, tuple(range(count)))
     if count == _TUM:
@@ -81,39 +59,62 @@ def find_columns(rows: Sequence[Row], headers: Sequence[Sequence[str]]) -> PoseC
     if count == _MATRIX:
         _check_matrices(rows)
         return PoseColumns(count, tuple(range(count)))
+    if count == _PLANAR and not any(len(header) == count for header in headers):
+        return _planar(rows)
     found = _with_one_more(rows, count) if count in (_TUM + 1, _KITTI + 1, _MATRIX + 1) else None
     if found is not None:
         return found
     raise InputError(
         f"{rows[0].where}: {count} numbers: a pose has {_KITTI} (KITTI: 3 x 4, row-major) or "
         f"{_TUM} (TUM: t x y z qx qy qz qw); for others write a header that names the columns"
+        + _seen(headers)
     )
 
 
-def _by_names(header: Sequence[str], count: int) -> PoseColumns | None:
-    """The places that a header gives; None where it does not name a whole pose."""
-    places: dict[str, int] = {}
-    nanoseconds = False
-    for place, name in enumerate(header):
-        unit = _UNIT.search(name)
-        plain = _UNIT.sub("", name).strip().lower()
-        if rotation := _ROTATION.fullmatch(plain):
-            key = "q" + rotation[1]
-        elif position := _POSITION.fullmatch(plain):
-            key = position[1]
-        elif _STAMP.fullmatch(plain):
-            key = "t"
-            nanoseconds = plain.endswith("ns") or (unit is not None and unit[1] == "ns")
-        else:
-            continue
-        if key in places:
-            return None
-        places[key] = place
-    wanted = [places.get(key) for key in ("x", "y", "z", "qx", "qy", "qz", "qw")]
-    pose = tuple(place for place in wanted if place is not None)
-    if len(pose) != len(wanted) or len(header) > count:
+def _as_messages(rows: Sequence[Row]) -> PoseColumns | None:
+    """Messages of ROS as `ros2 topic echo --csv` writes them, without a header.
+
+    Seconds, nanoseconds, one or two names of frames, position, quaternion, and what follows.
+    """
+    words = rows[0].words
+    if len(words) < 2 or not all(word.isdecimal() for word in words[:2]):
         return None
-    return PoseColumns(count, pose, stamp=places.get("t"), nanoseconds=nanoseconds)
+    names = next((i for i, word in enumerate(words[2:]) if is_number(word)), 0)
+    pose = tuple(range(2 + names, 9 + names))
+    if not 1 <= names <= 2 or len(words) < pose[-1] + 1:
+        return None
+    turn = [[row.words[i] for i in pose[3:]] for row in rows if len(row.words) == len(words)]
+    if not all(is_number(word) for row in turn for word in row):
+        return None
+    if not _are_unit(np.array([[to_number(word) for word in row] for row in turn])):
+        return None
+    said = "its columns are taken for those of ros2 topic echo --csv: sec nanosec frame, x y z, "
+    said += "qx qy qz qw"
+    return PoseColumns(len(words), pose, stamp=0, nsecs=1, named=True, said=said)
+
+
+def _planar(rows: Sequence[Row]) -> PoseColumns:
+    """Four numbers, t x y theta, where the last ones can be angles in radians.
+
+    Raises:
+        InputError: they cannot.
+    """
+    for row in rows:
+        word = row.words[-1]
+        if len(row.words) == _PLANAR and is_number(word) and abs(to_number(word)) > _FULL_TURN:
+            raise InputError(
+                f"{row.where}: 4 numbers, of which {word[:40]!r} is no angle in radians: write a "
+                "header that names the columns, as t x y theta [deg]"
+            )
+    doubt = "4 numbers are taken for t x y theta [rad], the pose of a robot in the plane z = 0"
+    return PoseColumns(_PLANAR, (1, 2, 3), stamp=0, kind="planar", doubt=doubt)
+
+
+def _seen(headers: Sequence[Sequence[str]]) -> str:
+    """What a header names that is not enough, in words."""
+    if not headers or len(headers[-1]) < 3:
+        return ""
+    return f"; this one names {' '.join(headers[-1])[:120]}"
 
 
 def _with_one_more(rows: Sequence[Row], count: int) -> PoseColumns | None:

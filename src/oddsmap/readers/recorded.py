@@ -40,7 +40,7 @@ def open_recorded(name: str, options: ReadOptions) -> RecordedLog:
     Raises:
         InputError: it cannot be read, or what is to be mapped is not clear.
     """
-    options.refuse(name, "a recording", "times", "points_in", "columns")
+    options.refuse(name, "a recording", "times", "points_in", "origin", "columns")
     recording = open_ros_recording(name, skip_bad=options.skip_bad)
     tolerance = _TOLERANCE_S if options.tolerance_s is None else options.tolerance_s
     choices = Choices(

@@ -16,13 +16,18 @@ from oddsmap.limits import memory_for
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers import (
+    argoverse,
     carmen,
+    e57,
     g2o,
+    las,
     npz_beams,
     npz_grids,
     octomap_graph,
     pcd,
     ply,
+    ptx,
+    rawlog,
     recorded,
     rgbd_folder,
     scan_folder,
@@ -60,7 +65,7 @@ def _alone(
 
     def open_alone(source: Source, options: ReadOptions) -> Log:
         options.refuse(source.path, name, "poses", "times", "body_from_sensor", "camera")
-        options.refuse(source.path, name, "points_in", "columns", "depth_scale")
+        options.refuse(source.path, name, "points_in", "origin", "columns", "depth_scale")
         return open_source_alone(source)
 
     return open_alone
@@ -79,8 +84,31 @@ READERS: tuple[Reader, ...] = (
     Reader("PCD scans", pcd.matches, scan_folder.open_single_cloud("PCD", pcd.read_pcd)),
     Reader("PLY scans", ply.matches, scan_folder.open_single_cloud("PLY", ply.read_ply)),
     Reader("OctoMap scan graphs", octomap_graph.matches, octomap_graph.open_octomap_graph),
-    Reader("g2o graphs with scans", g2o.matches, _alone("a g2o graph", g2o.open_g2o)),
+    Reader("g2o graphs", g2o.matches, _alone("a g2o graph", g2o.open_g2o)),
+    Reader("MRPT rawlogs", rawlog.matches, rawlog.open_rawlog),
+    Reader("PTX scans", ptx.matches, ptx.open_ptx),
     Reader("CARMEN logs", carmen.matches, _alone("a CARMEN log", carmen.open_carmen)),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyFile:
+    """A format of which files may be larger than memory, which its reader opens itself.
+
+    Args:
+        name: name of the format, for people.
+        matches: whether a file that starts like this is of this format.
+        open: opens the file of a path, with the caller's options.
+    """
+
+    name: str
+    matches: Callable[[bytes], bool]
+    open: Callable[[str, ReadOptions], Log]
+
+
+SURVEY_FILES: tuple[SurveyFile, ...] = (
+    SurveyFile("LAS", las.matches, las.open_las),
+    SurveyFile("E57", e57.matches, e57.open_e57),
 )
 
 
@@ -94,6 +122,7 @@ def open_log(
     skip_bad: bool = False,
     tolerance_s: float | None = None,
     points_in: PointFrame | None = None,
+    origin: Sequence[float] | None = None,
     columns: Sequence[str] | None = None,
     depth_scale: float | None = None,
     scans: Sequence[str] = (),
@@ -122,6 +151,8 @@ def open_log(
             recordings.
         points_in: "sensor" or "map": the frame in which the points of clouds are. By default the
             sensor's, but where PCD's VIEWPOINT is the pose, it must be said.
+        origin: where the sensor stood in the map [m], three numbers, for clouds in the map's frame
+            that do not say it.
         columns: what the float32 columns of `.bin` files are, as ("x", "y", "z", "intensity") or
             "x,y,z,intensity"; by default found by what stands in them.
         depth_scale: how many units of a depth image make a metre, 1000 where they are
@@ -146,6 +177,7 @@ def open_log(
         skip_bad=skip_bad,
         tolerance_s=tolerance_s,
         points_in=points_in,
+        origin=None if origin is None else _three(origin),
         columns=_names(columns),
         depth_scale=depth_scale,
         scans=(scans,) if isinstance(scans, str) else tuple(scans),
@@ -156,8 +188,20 @@ def open_log(
     with memory_for(f"the log {name}", "split it, or read it on a machine with more memory"):
         if recorded.is_recording(name):
             return recorded.open_recorded(name, options)
+        head = _first_bytes(name)
+        for survey_file in SURVEY_FILES:
+            if survey_file.matches(head):
+                return survey_file.open(name, options)
         options.refuse(name, "this log", "scans", "frame", "clock_offset_s")
         return _open_folder(name, options) if Path(path).is_dir() else _open_file(path, options)
+
+
+def _first_bytes(name: str) -> bytes:
+    try:
+        with Path(name).open("rb") as file:
+            return file.read(64)
+    except (OSError, ValueError):
+        return b""  # a folder, or said by whoever reads it
 
 
 def _open_file(path: FilePath, options: ReadOptions) -> Log:
@@ -177,8 +221,14 @@ def known_formats() -> str:
     *names, last = (reader.name for reader in READERS)
     return (
         f"{', '.join(names)} and {last}, plain or compressed with gzip or bzip2; KITTI .bin scans "
-        "and depth images as a folder; ROS bags and MCAP"
+        "and depth images as a folder; ROS bags, MCAP, Argoverse 2, "
+        + ", ".join(file.name for file in SURVEY_FILES)
     )
+
+
+def _three(origin: Sequence[float]) -> tuple[float, float, float]:
+    """A place as numbers; their count is checked with the other options."""
+    return tuple(float(value) for value in origin)  # type: ignore[return-value]
 
 
 def _names(columns: Sequence[str] | None) -> tuple[str, ...] | None:
@@ -196,6 +246,8 @@ def _open_folder(name: str, options: ReadOptions) -> Log:
             kinds.append(("*.depth.png", lambda: rgbd_folder.open_seven_scenes(name, options)))
         if rgbd_folder.is_tum_rgbd(folder):
             kinds.append(("depth.txt", lambda: rgbd_folder.open_tum_rgbd(name, options)))
+        if argoverse.is_argoverse(folder):
+            kinds.append((".feather", lambda: argoverse.open_argoverse(name, options)))
         for suffix, files in scan_folder.find_clouds(folder).items():
             kinds.append((f"*{suffix}", _folder_opener(name, suffix, files, options)))
         entries = sorted(path.name for path in folder.iterdir())
@@ -205,7 +257,8 @@ def _open_folder(name: str, options: ReadOptions) -> Log:
         found = ", ".join(entries[:5]) + (", ..." if len(entries) > 5 else "")
         raise InputError(
             f"{name}: no scans in this folder, found {found or 'nothing'}: give a folder of *.pcd, "
-            "*.ply, *.bin or *.depth.png, a TUM RGB-D folder (depth.txt), or one log file"
+            "*.ply, *.bin or *.depth.png, a TUM RGB-D folder (depth.txt) or an Argoverse 2 "
+            "log, or one log file"
         )
     if len(kinds) > 1:
         names = " and ".join(kind for kind, _ in kinds)

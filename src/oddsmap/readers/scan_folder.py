@@ -34,6 +34,7 @@ from oddsmap.readers.pose_association import (
     sorted_by_name,
 )
 from oddsmap.readers.pose_file import PoseFile
+from oddsmap.readers.sensor_track import pose_at
 from oddsmap.readers.viewpoints import any_viewpoint, frame_note, in_sensor_frame
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.memory_log import LoadedLog
@@ -48,6 +49,8 @@ KINDS: Mapping[str, tuple[str, Callable[[Source], Cloud]]] = {
     ".bin": ("KITTI .bin", read_bin_points),
 }
 
+
+_ONE_PLACE = "a cloud seen from the place of --origin"
 
 _NO_POSE = Note(
     "no pose: the frame of the sensor is taken for the map frame",
@@ -101,7 +104,9 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         source = open_source(files[i])
         cloud = read_cloud(source)
         found.add(i, cloud.notes)
-        if match is None:
+        if options.origin is not None:
+            pose, stamp_ns = pose_at(np.array(options.origin)), None
+        elif match is None:
             body = viewpoint_pose(source.path, cloud.viewpoint) or _identity()
             pose, stamp_ns = options.sensor_pose(body), None
         else:
@@ -152,7 +157,10 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
         cloud = read_cloud(source)
         notes = [*source.initial_notes(), *cloud.notes]
         stamp_ns = None
-        if options.poses is not None:
+        if options.origin is not None:
+            options.refuse(source.path, _ONE_PLACE, "body_from_sensor", "times")
+            pose = pose_at(np.array(options.origin))
+        elif options.poses is not None:
             names = [Path(source.path).name]
             match = match_poses(source.path, names, options.poses, options.times, options)
             pose, stamp_ns = match.map_from_sensor(0), match.stamp_ns(0)
@@ -179,7 +187,10 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
 def _match(
     name: str, folder: Path, suffix: str, files: list[Path], options: ReadOptions
 ) -> tuple[PoseMatch | None, tuple[Note, ...]]:
-    """The poses of the files, or None where each VIEWPOINT is one; and what to say of it."""
+    """The poses of the files, None for VIEWPOINTs or one stated place; and what to say of it."""
+    if options.origin is not None:
+        options.refuse(name, _ONE_PLACE, "body_from_sensor", "times")
+        return None, ()
     poses = options.poses if options.poses is not None else find_poses(folder)
     times = options.times
     if times is None and (folder / TIMES_NAME).is_file():
@@ -189,7 +200,7 @@ def _match(
         file: FilePath | Trajectory | PoseFile = poses
         may_be_camera = suffix == ".bin" and options.body_from_sensor is None
         if may_be_camera and not isinstance(poses, Trajectory):
-            file = read_kitti_poses(folder, poses)
+            file = read_kitti_poses(folder, poses, positions_do=options.points_in == "map")
         match = match_poses(name, names, file, times, options)
         return match, match.notes
     if suffix == ".pcd" and any_viewpoint(files):

@@ -127,7 +127,7 @@ def in_sensor_frame(points: FloatArray, map_from_sensor: Pose3, options: ReadOpt
         map_from_sensor: pose of the sensor.
         options: they say in which frame the points are; by default in the sensor's.
     """
-    if options.points_in != "map":
+    if not options.points_in_map:
         return points
     moved = (points - map_from_sensor.translation) @ map_from_sensor.rotation
     # Nothing returned: the point of the sensor itself, which has been moved and rounded.
