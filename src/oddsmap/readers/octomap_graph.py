@@ -59,7 +59,9 @@ def open_octomap_graph(source: Source, options: ReadOptions) -> LazyLog:
             are used), or has no scans.
     """
     options.refuse(source.path, "an OctoMap scan graph", "poses", "times", "camera")
-    options.refuse(source.path, "an OctoMap scan graph", "points_in", "columns", "depth_scale")
+    options.refuse(
+        source.path, "an OctoMap scan graph", "points_in", "columns", "depth_scale", "deskew"
+    )
     skipped, notes = source.initial_skipped(), source.initial_notes()
     (promised,) = struct.unpack_from("<I", source.content)
     nodes, end = _find_nodes(source.content, promised)

@@ -37,6 +37,7 @@ class ReadOptions:
     scans: tuple[str, ...] = ()
     frame: str | None = None
     clock_offset_s: float = 0.0
+    deskew: bool | None = None
 
     def __post_init__(self) -> None:
         if self.tolerance_s is not None and not 0.0 <= self.tolerance_s < math.inf:
@@ -81,6 +82,7 @@ class ReadOptions:
             "scans": "has no topics",
             "frame": "has no frames",
             "clock_offset_s": "has its stamps with its poses",
+            "deskew": "has no times of beams",
         }
         for name in names:
             if getattr(self, name) not in (None, (), 0.0):

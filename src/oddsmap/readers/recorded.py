@@ -52,6 +52,7 @@ def open_recorded(name: str, options: ReadOptions) -> RecordedLog:
         tolerance_ns=round(tolerance * 1e9),
         clock_offset_ns=round(options.clock_offset_s * 1e9),
         skip_bad=options.skip_bad,
+        deskew=options.deskew,
     )
     return log_of(recording, choices)
 

@@ -81,7 +81,7 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
     Raises:
         InputError: no poses, or counts that do not fit.
     """
-    options.refuse(name, "a folder of point clouds", "camera", "depth_scale")
+    options.refuse(name, "a folder of point clouds", "camera", "depth_scale", "deskew")
     kind, read_cloud = KINDS[suffix]
     folder = Path(name)
     opening: tuple[Note, ...] = ()
@@ -148,7 +148,7 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
     """A reader of one cloud, for the registry."""
 
     def open_cloud(source: Source, options: ReadOptions) -> LoadedLog:
-        options.refuse(source.path, f"a {kind} file", "camera", "columns", "depth_scale")
+        options.refuse(source.path, f"a {kind} file", "camera", "columns", "depth_scale", "deskew")
         cloud = read_cloud(source)
         notes = [*source.initial_notes(), *cloud.notes]
         stamp_ns = None

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from oddsmap.errors import InputError
@@ -23,6 +23,7 @@ from oddsmap.recordings.poses import (
 from oddsmap.recordings.recorded_log import RecordedLog, lies_flat
 from oddsmap.recordings.recording import Recording, Topic
 from oddsmap.recordings.transforms import TransformTree
+from oddsmap.scans.beam_timing import BeamTiming, choose_deskew
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
 
@@ -45,6 +46,7 @@ class Choices:
         tolerance_ns: how far the nearest pose or transform may be from a scan [ns].
         clock_offset_ns: added to the stamps of scans to get the time of poses [ns].
         skip_bad: count scans that make no sense, in place of raising.
+        deskew: take beams at their own times; None: where times and poses allow it.
     """
 
     scans: Sequence[str] = ()
@@ -54,6 +56,7 @@ class Choices:
     tolerance_ns: int = 100_000_000
     clock_offset_ns: int = 0
     skip_bad: bool = False
+    deskew: bool | None = None
 
 
 def log_of(recording: Recording, choices: Choices) -> RecordedLog:
@@ -63,7 +66,8 @@ def log_of(recording: Recording, choices: Choices) -> RecordedLog:
         InputError: there is no choice, or more than one; or no scan has a pose.
     """
     topics = choose_scans(recording, choices.scans)
-    tree, glances, sensors = _survey(recording, topics)
+    timings: dict[str, BeamTiming] = {topic.name: BeamTiming() for topic in topics}
+    tree, glances, sensors = _survey(recording, topics, timings)
     notes: list[Note] = []
     where = _poses(recording, tree, glances[0].frame, choices, notes)
     seen: list[Pose3] = []
@@ -80,6 +84,9 @@ def log_of(recording: Recording, choices: Choices) -> RecordedLog:
     flat = lasers and all(lies_flat(pose) for pose in seen)
     if lasers and not flat:
         notes.append(Note("the laser leans: it is mapped in 3D", code="laser.leans"))
+    spacing = max(where.spacing_ns(frame) for frame in {beams.frame for beams in glances})
+    deskews, said = choose_deskew(recording.path, choices.deskew, list(timings.values()), spacing)
+    notes.extend(said)
     return RecordedLog(
         recording=recording,
         topics=topics,
@@ -89,11 +96,12 @@ def log_of(recording: Recording, choices: Choices) -> RecordedLog:
         opening_notes=tuple(notes),
         clock_offset_ns=choices.clock_offset_ns,
         skip_bad=choices.skip_bad,
+        deskews=deskews,
     )
 
 
 def _survey(
-    recording: Recording, topics: Sequence[Topic]
+    recording: Recording, topics: Sequence[Topic], timings: Mapping[str, BeamTiming]
 ) -> tuple[TransformTree, list[Beams], dict[str, SensorInfo]]:
     """One pass over a recording: all transforms, some scans, and what these state.
 
@@ -115,6 +123,7 @@ def _survey(
             beams = beams_of(kinds[name], message.data)
             sensors.setdefault(name, SensorInfo(beams.settings))
             found.append(beams)
+            timings[name].add(seen[name], beams.stamp_ns, beams.after_ns)
         seen[name] += 1
     if not found:
         raise InputError(f"{recording.path}: no scan on {', '.join(kinds)}")

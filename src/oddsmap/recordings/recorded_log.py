@@ -17,6 +17,8 @@ from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.recordings.beams import Beams, beams_of
 from oddsmap.recordings.poses import SensorPoses
 from oddsmap.recordings.recording import Recording, Topic
+from oddsmap.scans.beam_timing import left_out_note
+from oddsmap.scans.deskew import deskew
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -45,6 +47,7 @@ class RecordedLog:
         opening_notes: what to know before anything is read.
         clock_offset_ns: added to the stamps of scans to get the time of poses [ns].
         skip_bad: skip scans that make no sense and count them, in place of raising.
+        deskews: take each beam at its own time.
     """
 
     recording: Recording
@@ -55,6 +58,7 @@ class RecordedLog:
     opening_notes: tuple[Note, ...] = ()
     clock_offset_ns: int = 0
     skip_bad: bool = False
+    deskews: bool = False
     _skipped: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _first: list[str] = field(default_factory=list, init=False, repr=False)
 
@@ -92,11 +96,14 @@ class RecordedLog:
     @property
     def notes(self) -> tuple[Note, ...]:
         """What to know about this log."""
+        notes = self.opening_notes
+        if left_out := self._skipped["beam.no_pose"]:
+            notes = (*notes, left_out_note(left_out))
         if not self._first:
-            return self.opening_notes
-        count = sum(self._skipped.values())
+            return notes
+        count = self._skipped.total() - left_out
         text = f"{count} scans were skipped, the first: {self._first[0]}"
-        return (*self.opening_notes, Note(text, code="log.bad_scans", severity="warning"))
+        return (*notes, Note(text, code="log.bad_scans", severity="warning"))
 
     def __len__(self) -> int:
         """`scan_count`.
@@ -116,7 +123,7 @@ class RecordedLog:
         stated = self.sensor
         for message in self.recording.messages(kinds):
             try:
-                scan = self._scan(beams_of(kinds[message.topic], message.data))
+                scan = self._moving(beams_of(kinds[message.topic], message.data))
             except NoPoseError as error:
                 self._skip("scan.no_pose", message.topic, error)
                 continue
@@ -134,9 +141,19 @@ class RecordedLog:
         if not self._first:
             self._first.append(f"{topic}: {error}")
 
-    def _scan(self, beams: Beams) -> Scan:
+    def _moving(self, beams: Beams) -> Scan:
+        """A scan, deskewed where that is asked for and its beams have times."""
+        pose = self.poses.at(beams.frame, beams.stamp_ns + self.clock_offset_ns)
+        scan = self._scan(beams, pose)
+        if not self.deskews or beams.frame == self.poses.frame:
+            return scan  # points in the map are where they were
+        scan, left_out = deskew(scan, pose, lambda times: self.poses.at_times(beams.frame, times))
+        if left_out:
+            self._skipped["beam.no_pose"] += left_out
+        return scan
+
+    def _scan(self, beams: Beams, pose: Pose3) -> Scan:
         stamp = beams.stamp_ns + self.clock_offset_ns
-        pose = self.poses.at(beams.frame, stamp)
         times = None if beams.after_ns is None else beams.after_ns + stamp
         if beams.points is not None:
             points = beams.points
