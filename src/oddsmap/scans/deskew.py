@@ -72,9 +72,9 @@ def deskew(
         stamp,
         sensor_id=scan.sensor_id,
         beam_times_ns=times[order],
-        beam_origins=places[whose],
+        beam_origins=places.take(whose, axis=0),
     )
-    object.__setattr__(moved, "own_vectors", own[order])
+    object.__setattr__(moved, "own_vectors", own.take(order, axis=0))
     if scan.measured_points is not None:
         points = _turned(turns, whose, order, scan.measured_points)
         object.__setattr__(moved, "measured_points", points)
