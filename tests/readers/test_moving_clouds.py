@@ -126,8 +126,9 @@ def test_points_start_where_the_sensor_was(
             beams.append(Scan.from_points(pose_at(stamp + time), point))
     want = votes_of(build_map(beams, 0.2, votes="beam"))
     # Poses are of a file with 9 digits and turn between samples of it: a cell or two differ.
-    differ = [cell for cell in want.keys() | votes_of(got).keys()
-              if want.get(cell) != votes_of(got).get(cell)]  # fmt: skip
+    have = votes_of(got)
+    differ = [cell for cell in want.keys() | have.keys()
+              if want.get(cell) != have.get(cell)]  # fmt: skip
     assert len(differ) <= len(want) // 100
     at_once = votes_of(build_map(open_log(tmp_path / "run", deskew=False), 0.2, votes="beam"))
     assert len([cell for cell in want if want[cell] != at_once.get(cell)]) > len(want) // 4
@@ -156,8 +157,8 @@ def test_points_without_a_pose_are_left_out_and_counted_once(tmp_path: Path) -> 
     table["t"] += np.uint32(85 * MS)  # no pose for any of them, but one for their stamp
     late = write(tmp_path / "late", "pcd", [pcd(table)] * 2, tum(until=161 * MS))
     log = open_log(late, deskew=True)
-    assert [scan.size for scan in log] == [14, 0]
-    assert log.skipped == {"beam.no_pose": 66}
+    assert [scan.size for scan in log] == [13, 0]
+    assert log.skipped == {"beam.no_pose": 67}
 
 
 def test_one_pose_for_each_scan_is_enough(tmp_path: Path) -> None:
@@ -191,7 +192,7 @@ def test_what_cannot_be_deskewed(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="leave `deskew` out, or points_in"):
         open_log(without, deskew=True, points_in="map")
     (without / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 2)
-    for path in without.glob("*.pcd"):
-        path.rename(without / f"scan{path.name[-8:]}")
+    for k, path in enumerate(sorted(without.glob("*.pcd"))):
+        path.rename(without / f"scan{k}.pcd")
     with pytest.raises(InputError, match="deskewing needs the times of scans and poses"):
         open_log(without, deskew=True)
