@@ -115,7 +115,7 @@ def test_points_start_where_the_sensor_was(
     files = [make(table, encoding) for table in tables]
     log = open_log(write(tmp_path / "run", writes, files, tum()))
     got = build_map(log, 0.2, votes="beam")
-    assert "scan.deskewed" in [note.code for note in log.notes]
+    assert "log.deskewed" in [note.code for note in log.notes]
     assert log.skipped == {}
     beams = []
     for table, stamp in zip(tables, stamps, strict=True):
@@ -174,7 +174,7 @@ def test_one_pose_for_each_scan_is_enough(tmp_path: Path) -> None:
         )
     )
     log = open_log(folder)
-    assert log.notes[-1].code == "scan.deskewed"
+    assert log.notes[-1].code == "log.deskewed"
     assert "poses come every 100 ms" in log.notes[-1]
     assert [scan.size for scan in log] == [40, 40, 40, 1]
 
@@ -187,7 +187,7 @@ def test_what_cannot_be_deskewed(tmp_path: Path) -> None:
         open_log(without, deskew=True)
     sparse = write(tmp_path / "sparse", "pcd", [pcd(cloud(0))] * 2, tum(every=150 * MS))
     log = open_log(sparse, tolerance_s=0.2)
-    assert [note.code for note in log.notes] == ["scan.not_deskewed"]
+    assert [note.code for note in log.notes] == ["log.not_deskewed"]
     assert [scan.beam_origins for scan in log] == [None, None]
     with pytest.raises(InputError, match="leave `deskew` out, or points_in"):
         open_log(without, deskew=True, points_in="map")

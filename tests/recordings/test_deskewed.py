@@ -80,7 +80,7 @@ def test_each_beam_starts_where_the_sensor_was(votes: str, tmp_path: Path) -> No
     log = open_log(path)
     got = votes_of(build_map(log, 0.1, sensor=SENSOR, votes=votes))
     assert [(note.code, str(note)) for note in log.notes] == [
-        ("scan.deskewed", "beams are taken at their own times (deskewed): scans take 73.7 ms, "
+        ("log.deskewed", "beams are taken at their own times (deskewed): scans take 73.7 ms, "
          "poses come every 20 ms")
     ]  # fmt: skip
     want: dict[Any, Any] = {}
@@ -104,7 +104,7 @@ def test_nothing_changes_where_the_robot_stands_still(container: str, tmp_path: 
     messages = Messages(container)
     path = messages.write(tmp_path / "run", turning(messages, still=True))
     moving, at_once = open_log(path), open_log(path, deskew=False)
-    assert moving.notes[0].code == "scan.deskewed"
+    assert moving.notes[0].code == "log.deskewed"
     for one, other in zip(moving, at_once, strict=True):
         assert one.beam_origins is None
         np.testing.assert_array_equal(one.directions, other.directions)
@@ -150,11 +150,11 @@ def test_what_speaks_against_it_is_said(more: dict[str, Any], why: str, tmp_path
     path = messages.write(tmp_path / "run", turning(messages, **more))
     log = open_log(path, tolerance_s=0.2)
     assert next(iter(log)).beam_origins is None
-    assert log.notes[0].code == "scan.not_deskewed"
+    assert log.notes[0].code == "log.not_deskewed"
     assert why in log.notes[0]
     told = open_log(path, tolerance_s=0.2, deskew=True)
     assert next(iter(told)).beam_origins is not None
-    assert told.notes[0].code == "scan.deskewed"
+    assert told.notes[0].code == "log.deskewed"
 
 
 @pytest.mark.parametrize("every", [0.0, 1e-6])
@@ -231,7 +231,7 @@ def test_a_file_of_poses_deskews_as_transforms_do(tmp_path: Path) -> None:
         lines.append(f"{now / 1e9:.9f} {x!r} {y!r} {z!r} {turn}\n")
     poses.write_text("".join(lines))
     log = open_log(path, poses=poses)
-    assert log.notes[-1].code == "scan.deskewed"
+    assert log.notes[-1].code == "log.deskewed"
     for scan in log:
         assert scan.beam_origins is not None
         assert scan.beam_times_ns is not None

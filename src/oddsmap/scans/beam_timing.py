@@ -108,11 +108,11 @@ def choose_deskew(
         if doubts and longest.span_ns < _SHORTEST_NS:
             return False, ()  # nothing to undo
         text = f"scans are taken at once ({why}); --deskew on takes beams at their own times"
-        return False, (Note(text, code="scan.not_deskewed"),)
+        return False, (Note(text, code="log.not_deskewed"),)
     text = f"beams are taken at their own times (deskewed): scans take {takes}, {come}"
     if doubts:
         text += f"; the times look odd: {doubts[0]}"
-    return True, (Note(text, code="scan.deskewed", severity="warning" if doubts else "info"),)
+    return True, (Note(text, code="log.deskewed", severity="warning" if doubts else "info"),)
 
 
 def left_out_note(count: int) -> Note:
