@@ -247,3 +247,29 @@ def test_deskewing_is_refused_where_nothing_has_times(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no times of beams: leave `deskew` out"):
         open_log(path, deskew=True)
     assert len(open_log(path, deskew=False)) == 1
+
+
+@pytest.mark.parametrize(
+    ("late", "offset", "doubt"),
+    [
+        (1, 0.0, "1 ms after their stamps, and their last beams are 73.7 ms after them"),
+        (-2, 0.0, "2 ms before their stamps, and their last beams are 73.7 ms after them"),
+        (-7600, 0.0, "7.6 s before their stamps: by clocks that differ it cannot be told"),
+        (1, -0.074, None),
+        (80, 0.0, None),
+        (0, 0.0, None),
+    ],
+)
+def test_a_scan_is_not_written_before_its_last_beam(
+    late: int, offset: float, doubt: str | None, tmp_path: Path
+) -> None:
+    """Some drivers stamp a scan when it is complete, and not with the time of its first beam."""
+    messages = Messages("bag")
+    said = [
+        (topic, now + late * MS if topic == "/scan" else now, message)
+        for topic, now, message in turning(messages)
+    ]
+    log = open_log(messages.write(tmp_path / "run", said), clock_offset_s=offset)
+    assert log.notes[0].code == ("log.not_deskewed" if doubt else "log.deskewed")
+    assert f"scans were written {doubt}" in log.notes[0] or not doubt
+    assert ("--clock-offset -0.0737" in log.notes[0]) == (late in (1, -2) and not offset)

@@ -66,7 +66,8 @@ def log_of(recording: Recording, choices: Choices) -> RecordedLog:
         InputError: there is no choice, or more than one; or no scan has a pose.
     """
     topics = choose_scans(recording, choices.scans)
-    timings: dict[str, BeamTiming] = {topic.name: BeamTiming() for topic in topics}
+    offset = choices.clock_offset_ns
+    timings: dict[str, BeamTiming] = {topic.name: BeamTiming(offset) for topic in topics}
     tree, glances, sensors = _survey(recording, topics, timings)
     notes: list[Note] = []
     where = _poses(recording, tree, glances[0].frame, choices, notes)
@@ -123,7 +124,7 @@ def _survey(
             beams = beams_of(kinds[name], message.data)
             sensors.setdefault(name, SensorInfo(beams.settings))
             found.append(beams)
-            timings[name].add(seen[name], beams.stamp_ns, beams.after_ns)
+            timings[name].add(seen[name], beams.stamp_ns, beams.after_ns, message.log_ns)
         seen[name] += 1
     if not found:
         raise InputError(f"{recording.path}: no scan on {', '.join(kinds)}")

@@ -18,21 +18,41 @@ __all__ = ["BeamTiming", "choose_deskew", "left_out_note"]
 _SHORTEST_NS = 1e6
 # A scan that takes longer than from one scan to the next, by more than clocks are off, is none.
 _LONGEST = 1.5
-# Poses that come ten times a second, one for each scan of most LIDARs, and a tenth as margin.
-_RAREST_NS = 110e6
+# Poses that come ten times a second, or one for each scan, and a tenth as margin.
+_RAREST_NS, _ONE_A_SCAN = 110e6, 1.1
+# A scan cannot be written before its last beam is taken, by the clock of one computer. Bags that
+# programs have made are written at the very stamps, and say nothing.
+_BEFORE_THE_END, _AT_ONCE_NS = 0.9, 10e3
 
 
 @dataclass(slots=True, eq=False)
 class BeamTiming:
-    """When the beams of a sensor were taken, by some of its scans."""
+    """When the beams of a sensor were taken, by some of its scans.
 
+    Args:
+        clock_offset_ns: what is added to the stamps of scans [ns].
+    """
+
+    clock_offset_ns: int = 0
     _first: list[float] = field(default_factory=list)
     _last: list[float] = field(default_factory=list)
     _stamps: list[int] = field(default_factory=list)
     _numbers: list[int] = field(default_factory=list)
+    _written: list[int] = field(default_factory=list)
 
-    def add(self, number: int, stamp_ns: int, after_ns: IntArray | None) -> None:
-        """Look at the scan of a number: its stamp, and the time of each beam after it [ns]."""
+    def add(
+        self, number: int, stamp_ns: int, after_ns: IntArray | None, written_ns: int | None = None
+    ) -> None:
+        """Look at the scan of a number.
+
+        Args:
+            number: of the scan.
+            stamp_ns: its stamp [ns].
+            after_ns: the time of each beam after it [ns], shape (n,).
+            written_ns: when it was written to the log [ns].
+        """
+        if written_ns is not None:
+            self._written.append(written_ns - stamp_ns - self.clock_offset_ns)
         self._stamps.append(stamp_ns)
         self._numbers.append(number)
         if after_ns is not None and len(after_ns):
@@ -69,7 +89,19 @@ class BeamTiming:
         # The stamp is that of the first beam, of the last, or of one between.
         if first > span or last < -span:
             return f"they begin {_ms(first)} after the stamp"
-        return None
+        written = float(np.median(self._written)) if self._written else 0.0
+        if abs(written) <= _AT_ONCE_NS or written >= _BEFORE_THE_END * last:
+            return None
+        if written < -last:
+            return (
+                f"scans were written {_ms(-written)} before their stamps: by clocks that differ it "
+                "cannot be told whether a stamp is that of the first beam"
+            )
+        when = f"{_ms(abs(written))} {'after' if written > 0.0 else 'before'} their stamps"
+        return (
+            f"scans were written {when}, and their last beams are {_ms(last)} after them: the "
+            f"stamp may be that of the last beam, and --clock-offset {-last / 1e9:.3g} put it right"
+        )
 
 
 def choose_deskew(
@@ -101,7 +133,8 @@ def choose_deskew(
     if spacing_ns == np.inf:
         come = "there is one pose"
     doubts = [doubt for timing in timed if (doubt := timing.doubt())]
-    if stated is None and (doubts or spacing_ns > _RAREST_NS):
+    rarest = max(_RAREST_NS, _ONE_A_SCAN * longest.span_ns)
+    if stated is None and (doubts or spacing_ns > rarest):
         why = f"scans take {takes}, but {come}"
         if doubts:
             why = f"the times of beams are not trusted: {doubts[0]}"
