@@ -15,9 +15,12 @@ from oddsmap.config.config import Config, MapConfig
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.full_map.online import OnlineFullMap
 from oddsmap.kernels.units import ONE
+from oddsmap.poses.at_times import PoseTrack
+from oddsmap.poses.trajectory import Trajectory
 from oddsmap.readers.carmen_messages import beam_directions
 from oddsmap.readers.lzf import decompress
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.scans.deskew import deskew
 from oddsmap.simulate import write_carmen
 
 __all__ = ["run"]
@@ -69,6 +72,31 @@ def scans_of(ndim: int, count: int = 3) -> Scans:
     ]
 
 
+def _moving_scans(ndim: int) -> Scans:
+    """The same, taken while the sensor turns."""
+    start, end = _pose(3, 0.0), _turned(0.5)
+    track = PoseTrack(
+        Trajectory(
+            np.stack([start.translation, end.translation]),
+            np.stack([start.rotation, end.rotation]),
+            np.array([0, 10**10]),
+        )
+    )
+    moved = []
+    for scan in scans_of(ndim):
+        times = scan.stamp_ns + np.arange(scan.size) * 10**7
+        taken = oddsmap.Scan(
+            scan.map_from_sensor, scan.directions, scan.ranges, scan.stamp_ns, beam_times_ns=times
+        )
+        moved.append(deskew(taken, start, lambda times: track.at(times, 10**10))[0])
+    return moved
+
+
+def _turned(angle: float) -> oddsmap.Pose3:
+    turn = (0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2))
+    return oddsmap.Pose3.from_quaternion_xyzw(np.zeros(3), turn)
+
+
 def _far_scan() -> Scans:
     """Two beams in space, to opposite corners of a box of more than 2^31 cells."""
     corner = np.full(3, 3**-0.5)
@@ -86,6 +114,7 @@ def _maps() -> Iterator[oddsmap.EvidenceMap]:
         scans = scans_of(ndim)
         for sensor, options in _RAYS:
             yield oddsmap.build_map(scans, RESOLUTION, sensor=sensor, **options)
+        yield oddsmap.build_map(_moving_scans(ndim), RESOLUTION)
         for share in (True, False):
             cone = oddsmap.ConeSensor(cone_deg=25.0, range_max=5.0, share_hit=share)
             yield oddsmap.build_map(scans, RESOLUTION, sensor=cone)

@@ -116,7 +116,7 @@ FLOORS = (
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 KERNEL_FLOORS = (
     ("vote", "infer"),
-    ("trace", "octree", "decimals", "lzf"),
+    ("trace", "octree", "decimals", "lzf", "beam_poses"),
     ("units", "jit"),
     ("stored_code",),
 )

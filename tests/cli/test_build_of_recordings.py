@@ -12,6 +12,7 @@ from tests.cli.conftest import Run
 pytest.importorskip("rosbags", reason='recordings need rosbags: pip install "oddsmap[ros]"')
 
 from tests.recordings.bags import Messages, Said
+from tests.recordings.test_deskewed import turning
 from tests.recordings.test_recorded_log import SECOND, START, drive
 
 
@@ -52,3 +53,22 @@ def test_a_frame_that_is_nowhere(recording: Path, run: Run) -> None:
 
 def test_info_of_a_recording_takes_no_poses(recording: Path, run: Run) -> None:
     assert "leave --poses" in run("info", recording, "--poses", "tf").line
+
+
+def test_deskew(run: Run, tmp_path: Path) -> None:
+    path = Messages("bag").write(tmp_path / "turn", turning(Messages("bag")))
+    words = (path, "--resolution", 0.1, "-o", tmp_path / "map.zarr", "--force")
+    said = {}
+    for stated in ("auto", "on", "off"):
+        made = run("build", *words, "--deskew", stated)
+        assert made.status == 0
+        said[stated] = "beams are taken at their own times (deskewed)" in made.out + made.err
+    assert said == {"auto": True, "on": True, "off": False}
+    scored = run("score", tmp_path / "map.zarr", path, "--deskew", "off", "--json").json
+    moved = run("score", tmp_path / "map.zarr", path, "--deskew", "on", "--json").json
+    assert scored["log_likelihood"] != moved["log_likelihood"]
+
+
+def test_deskewing_without_times_is_refused(recording: Path, run: Run) -> None:
+    words = ("--deskew", "on", "--poses", "tf", "--resolution", 0.1, "-o", "map.zarr")
+    assert "nothing says when each beam was taken" in run("build", recording, *words).line

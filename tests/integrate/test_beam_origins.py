@@ -15,7 +15,7 @@ from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
-from tests.kit import Votes, votes_of
+from tests.kit import ONE, Votes, votes_of
 
 SENSORS = [
     BeamSensor(),
@@ -112,6 +112,32 @@ def test_threads_batches_and_neighbours_change_no_bit(ndim: int) -> None:
     for scan in scans[1:]:
         total.merge(mapped([scan], SENSORS[0]))
     assert votes_of(total) == votes_of(whole)
+
+
+def spinning_scan(seed: int, motion: float, columns: int = 96, rings: int = 10) -> Scan:
+    """Rings of beams, column by column, while the sensor goes a way of so many cells."""
+    rng = np.random.default_rng(seed)
+    azimuth = np.repeat(np.arange(columns) * (2 * np.pi / columns), rings)
+    up = np.tile(np.linspace(-1.2, 1.2, rings), columns)
+    flat = np.cos(up)
+    directions = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(up)], axis=1)
+    way = rng.normal(size=3)
+    way *= motion * 0.25 / np.linalg.norm(way)
+    places = np.repeat(np.linspace(-0.5, 0.5, columns), rings)[:, None] * way
+    order = np.arange(columns * rings) if seed % 3 else rng.permutation(columns * rings)
+    pose = Pose3(np.eye(3), rng.uniform(-3, 3, 3))
+    ranges = rng.uniform(1.0, 8.0, columns * rings)
+    return Scan(pose, directions[order], ranges, beam_origins=places)
+
+
+@pytest.mark.parametrize("motion", [1e-9, 0.7, 3.0, 12.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_skipping_what_is_marked_changes_no_bit(seed: int, motion: float) -> None:
+    """Rays of one direction start in several places; against votes of beams, which skip nothing."""
+    scan = spinning_scan(seed, motion)
+    counted = votes_of(mapped([scan], SENSORS[0], "beam"))
+    once = {cell: (min(h, ONE), 0 if h else min(p, ONE)) for cell, (h, p) in counted.items()}
+    assert votes_of(mapped([scan], SENSORS[0])) == once
 
 
 def test_filters_by_body_are_of_the_sensor_frame() -> None:

@@ -210,8 +210,8 @@ def test_clouds_with_packed_points_and_a_pose_of_their_own(tmp_path: Path) -> No
         body = {"timestamp": stamp(now), "frame_id": "map", "pose": here}
         said.append(("/pose", now, "foxglove.PoseInFrame", body))
         said.append(("/points", now, "foxglove.PointCloud", cloud(now, points, pose)))
-    log = open_log(write_json(tmp_path / "run.mcap", said), poses="/pose")
-    for k, scan in enumerate(log):
+    path = write_json(tmp_path / "run.mcap", said)
+    for k, scan in enumerate(open_log(path, poses="/pose", deskew=False)):
         moved = Pose3.from_quaternion_xyzw((0.1 * k, 0, 0), (0, 0, 0, 1))
         sensor = moved @ Pose3.from_quaternion_xyzw(
             (0.5, 0.0, 1.0), (0, 0, math.sin(math.pi / 4), math.cos(math.pi / 4))
@@ -222,6 +222,16 @@ def test_clouds_with_packed_points_and_a_pose_of_their_own(tmp_path: Path) -> No
         assert scan.beam_times_ns is not None
         assert scan.stamp_ns is not None
         np.testing.assert_array_equal(scan.beam_times_ns - scan.stamp_ns, [0, 50_000_000])
+    # Deskewed, the second point was seen half way to the next pose, from where the cloud was then.
+    moving = list(open_log(path, poses="/pose"))
+    for scan, at_once in zip(moving[:3], open_log(path, poses="/pose", deskew=False), strict=False):
+        assert isinstance(scan, Scan)
+        assert isinstance(at_once, Scan)
+        assert scan.beam_origins is not None
+        ends = scan.directions * scan.ranges[:, None]
+        moved = scan.map_from_sensor.transform(scan.beam_origins + ends)
+        still = at_once.map_from_sensor.transform(at_once.directions * at_once.ranges[:, None])
+        np.testing.assert_allclose(moved - still, [[0, 0, 0], [0.05, 0, 0]], atol=1e-12)
 
 
 def test_scans_with_poses_of_their_own_need_no_others(tmp_path: Path) -> None:

@@ -131,3 +131,18 @@ def test_a_pose_that_cannot_be_is_refused() -> None:
         SMALL.scan(world, Pose3(np.eye(3), np.array([5.0, 5.0, -0.1])), rng)
     with pytest.raises(InputError, match="not finite"):
         SMALL.scan(world, Pose3(np.eye(3), np.array([math.nan, 0, 0])), rng)
+
+
+def test_a_sweep_takes_each_column_from_its_own_pose() -> None:
+    lidar = Lidar3D(ring_count=3, column_count=8, sigma=0.0)
+    world = World3D([Box(5.0, 0.0, 1.0, 30.0, 0.0, 9.0), Box(-5.0, 0.0, 1.0, 30.0, 0.0, 9.0)])
+    poses = [Pose3(np.eye(3), np.array([0.1 * c, 0.0, 2.0])) for c in range(8)]
+    moving = lidar.sweep(world, poses, np.random.default_rng(0), stamp_ns=7, column_ns=5)
+    assert moving.map_from_sensor is poses[0]
+    assert moving.beam_times_ns is not None
+    for column, pose in enumerate(poses):
+        alone = lidar.scan(world, pose, np.random.default_rng(0))
+        np.testing.assert_allclose(moving.ranges[column::8], alone.ranges[column::8], atol=1e-12)
+        assert (moving.beam_times_ns[column::8] == 7 + 5 * column).all()
+    with pytest.raises(InputError, match="one pose for each of 8 columns, got 2"):
+        lidar.sweep(world, poses[:2], np.random.default_rng(0))

@@ -15,7 +15,9 @@ from oddsmap.cli.options import (
     ClockOffset,
     Columns,
     DepthScale,
+    Deskew,
     Frame,
+    Origin,
     PointsIn,
     Poses,
     Quiet,
@@ -65,8 +67,10 @@ def doctor(
     extrinsics: BodyFromSensor = None,
     camera: Camera = None,
     points_in: PointsIn = None,
+    origin: Origin = None,
     columns: Columns = None,
     depth_scale: DepthScale = None,
+    deskew: Deskew = "auto",
     skip_bad: SkipBad = False,
     as_json: Annotated[bool, json_option("what was found")] = False,
     quiet: Quiet = False,
@@ -90,7 +94,9 @@ def doctor(
         depth_scale=depth_scale,
         skip_bad=skip_bad,
         points_in=points_in,
+        origin=origin,
         columns=columns,
+        deskew=deskew,
     )
     check_logs([log])
     check_files([log, *options.files(log)], force=False)

@@ -34,6 +34,7 @@ class LogOptions:
     scans: tuple[str, ...] = ()
     frame: str | None = None
     clock_offset: float = 0.0
+    deskew: str = "auto"
 
     def files(self, *logs: Path) -> list[Path | None]:
         """The files that these options name, to be checked before any work is done.
@@ -70,6 +71,7 @@ class LogOptions:
             scans=self.scans,
             frame=self.frame,
             clock_offset_s=self.clock_offset,
+            deskew={"on": True, "off": False}.get(self.deskew),
         )
 
 

@@ -19,6 +19,7 @@ __all__ = [
     "ClockOffset",
     "Columns",
     "DepthScale",
+    "Deskew",
     "Frame",
     "Origin",
     "PointsIn",
@@ -132,6 +133,15 @@ ClockOffset = Annotated[
         "--clock-offset",
         metavar="SECONDS",
         help="Added to the stamps of a recording's scans: the time of its poses.",
+    ),
+]
+
+Deskew = Annotated[
+    Literal["auto", "on", "off"],
+    typer.Option(
+        "--deskew",
+        help="Take each beam from where the sensor was at its own time; by default where the log "
+        "has times to trust and poses ten times a second.",
     ),
 ]
 

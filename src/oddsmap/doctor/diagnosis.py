@@ -19,6 +19,7 @@ from oddsmap.doctor.revisits import doubts_of_revisits
 from oddsmap.doctor.stamps import doubts_of_stamps
 from oddsmap.doctor.trial import Court, Verdict
 from oddsmap.doctor.vertical import doubts_of_vertical
+from oddsmap.plausibility.false_ring import doubts_of_no_returns
 from oddsmap.plausibility.range_unit import doubts_of_ranges
 from oddsmap.plausibility.upright import doubts_of_upright
 from oddsmap.poses.pose import Pose3
@@ -97,9 +98,11 @@ def diagnose(
     with np.errstate(all="ignore"):  # absurd numbers compare as what they are: far, or not at all
         for each in seen:
             found, information, places = _examined(each, body_from_sensor)
+            if not getattr(log, "points_in_map", False):  # where ranges are those of an aircraft
+                found = [*doubts_of_ranges(each.waypoints), *found]
             facts.append(SensorFacts(each.sensor_id, len(each.poses), places, information))
             where = f"{each.sensor_id}: " if len(seen) > 1 else ""
-            findings += [Note(where + n, code=n.code, severity="warning") for n in found]
+            findings += [Note(where + n, code=n.code, severity="warning") for n in _once(found)]
     # Those of the reader, but for what is measured here.
     findings += [
         note
@@ -113,7 +116,11 @@ def diagnose(
 def _examined(seen: Examined, mounted: Pose3 | None) -> tuple[list[Note], float, int]:
     """The findings of one sensor, and what its maps said of held-out beams as it was read."""
     glances = [glance for group in seen.groups for glance in group]
-    findings = [*doubts_of_ranges(glances), *_doubts_of_zeros(seen), *doubts_of_stamps(seen)]
+    findings = [
+        *doubts_of_no_returns(seen.waypoints, seen.way.range_max),
+        *_doubts_of_zeros(seen),
+        *doubts_of_stamps(seen),
+    ]
     first = Court(seen.groups, AS_READ)
     as_read = first.try_out(AS_READ)
     form = _faults(seen, mounted)
@@ -121,7 +128,7 @@ def _examined(seen: Examined, mounted: Pose3 | None) -> tuple[list[Note], float,
     if not form:
         findings += doubts_of_upright(glances)
     findings += [*doubts_of_vertical(seen), *doubts_of_itself(seen), *doubts_of_revisits(seen)]
-    return _once(findings), as_read.now, as_read.places
+    return findings, as_read.now, as_read.places
 
 
 def _faults(seen: Examined, mounted: Pose3 | None) -> list[Verdict]:

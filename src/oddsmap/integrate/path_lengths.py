@@ -12,6 +12,7 @@ import numpy.typing as npt
 from oddsmap.errors import ConfigError
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.cell_window import CellWindow
+from oddsmap.integrate.to_cells import rays_of_scan
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.vote.path_lengths import gather_lengths
 from oddsmap.sensors.base import RaySensor
@@ -68,26 +69,25 @@ class LengthIntegrator:
         for scan, tiles_lo in enumerate(scans.tiles_lo):
             shape = scans.tiles_hi[scan] - tiles_lo
             lo, strides = window.open(tiles_lo, shape)
-            for bundle in range(scans.bundles[scan], scans.bundles[scan + 1]):
-                ends = scans.ends[scans.offsets[bundle] : scans.offsets[bundle + 1]]
-                origin = scans.origins[bundle]
-                self._make_room(origin, ends)
-                first = 0
-                while first >= 0:
-                    first = gather_lengths(
-                        origin, ends, first, lo, window.tiles.side, strides,
-                        self._cells, self._left, self._units, self._nothing,
-                        window.table, window.used, window.weights,
-                    )  # fmt: skip
-                    if first >= 0:
-                        window.grow()
+            origins, whose, rays = rays_of_scan(scans, scan)
+            ends = scans.ends[rays]
+            self._make_room(origins[whose], ends)
+            first = 0
+            while first >= 0:
+                first = gather_lengths(
+                    origins, whose, ends, first, lo, window.tiles.side, strides,
+                    self._cells, self._left, self._units, self._nothing,
+                    window.table, window.used, window.weights,
+                )  # fmt: skip
+                if first >= 0:
+                    window.grow()
             window.apply(tiles_lo, shape, scale)
 
-    def _make_room(self, origin: npt.NDArray[np.float64], ends: npt.NDArray[np.float64]) -> None:
-        borders = np.abs(np.floor(ends) - np.floor(origin)).sum(axis=1).max(initial=0.0)
+    def _make_room(self, starts: npt.NDArray[np.float64], ends: npt.NDArray[np.float64]) -> None:
+        borders = np.abs(np.floor(ends) - np.floor(starts)).sum(axis=1).max(initial=0.0)
         size = int(borders) + 2
         if len(self._left) < size:
-            self._cells = np.zeros((size, len(origin)), np.int64)
+            self._cells = np.zeros((size, starts.shape[1]), np.int64)
             self._left = np.zeros(size)
             self._units = np.zeros(size, np.int64)
             self._nothing = np.zeros(size, np.int64)

@@ -16,7 +16,7 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.integrate.block_window import BlockWindow
 from oddsmap.integrate.path_lengths import LengthIntegrator, check_lengths
-from oddsmap.integrate.to_cells import beam_shape, cells_near_return, to_cells
+from oddsmap.integrate.to_cells import beam_shape, cells_near_return, rays_of_scan, to_cells
 from oddsmap.kernels.trace.clip_beams import ScanCells
 from oddsmap.kernels.trace.rays3d import COLUMNS, RAYS
 from oddsmap.kernels.units import ONE
@@ -24,6 +24,7 @@ from oddsmap.kernels.vote.beam_counts3d import apply_beams, count_rays
 from oddsmap.kernels.vote.cell_votes import apply_counts
 from oddsmap.kernels.vote.counts3d import count_scan
 from oddsmap.kernels.vote.rays3d import (
+    BIN_COLUMNS,
     BIN_COUNT,
     SLABS,
     apply_marks,
@@ -49,7 +50,7 @@ _PER_CELL = {"marks": (1, np.uint8), "counts": (2, np.uint16), "weights": (2, np
 MOST_BEAMS = (1 << 16) - 1
 
 # Below this many rays, to sort them by direction and skip what is marked takes longer than marking
-# it again: 20,000 bundles of one ray take 0.5 s instead of 11.
+# it again.
 _FEW_RAYS = 128
 
 
@@ -85,7 +86,7 @@ class Integrator3D:
         self._max_cells = min(_MAX_TABLE_BLOCKS << (3 * self._bits), _LONG_CODES)
         channels, kind = _PER_CELL[self._gathers]
         self._window = BlockWindow(channels, kind, self._bits)
-        self._spans = np.empty((BIN_COUNT, 4))
+        self._spans = np.empty((BIN_COUNT, BIN_COLUMNS))
         self._rays = np.empty(COLUMNS * RAYS)
         self._done = np.zeros(BIN_COUNT, np.int32)
         zone = cells_near_return(sensor.hit_shape, evidence.resolution, 3)
@@ -159,69 +160,60 @@ class Integrator3D:
     def _mark(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
         lo, strides = scans.tiles_lo[scan] << self._bits, _strides(shape)
         window, buffer = self._window, self._ray_buffer(shape, SLABS)
-        bundles = range(scans.bundles[scan], scans.bundles[scan + 1])
-        # All passes first: hits of one bundle go before the passes of another.
-        for bundle in bundles:
-            origin, ends = scans.origins[bundle], scans.ends[_part(scans, bundle)]
-            bins = np.empty(len(ends), np.int32)
-            skips = len(ends) >= _FEW_RAYS
-            if skips:
-                sort_rays(origin, ends, bins, self._spans)
-                self._done[:] = 0
-            first = 0
-            while first >= 0:
-                first = mark_passes(
-                    origin, ends, lo, self._bits, strides, bins, self._spans, self._done,
-                    self._rays, buffer, window.table, window.used, window.cells[0], skips, first,
-                )  # fmt: skip
-                if first >= 0:
-                    window.grow(3 * buffer.shape[1] + len(ends))
-        for bundle in bundles:
-            part = _part(scans, bundle)
-            while not mark_hits(
-                scans.ends[part], scans.hit[part], lo, self._bits, strides,
-                window.table, window.used, window.cells[0],
-            ):  # fmt: skip
-                window.grow(part.stop - part.start)
+        origins, whose, rays = rays_of_scan(scans, scan)
+        ends, hit = scans.ends[rays], scans.hit[rays]
+        bins = np.empty(len(ends), np.int32)
+        skips = len(ends) >= _FEW_RAYS
+        if skips:
+            sort_rays(origins, whose, ends, bins, self._spans)
+            self._done[:] = 0
+        first = 0
+        while first >= 0:
+            first = mark_passes(
+                origins, whose, ends, lo, self._bits, strides, bins, self._spans, self._done,
+                self._rays, buffer, window.table, window.used, window.cells[0], skips, first,
+            )  # fmt: skip
+            if first >= 0:
+                window.grow(3 * buffer.shape[1] + len(ends))
+        while not mark_hits(
+            ends, hit, lo, self._bits, strides, window.table, window.used, window.cells[0]
+        ):
+            window.grow(len(ends))
 
     def _count(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
         lo, strides = scans.tiles_lo[scan] << self._bits, _strides(shape)
         window, buffer = self._window, self._ray_buffer(shape, SLABS)
-        counted = 0
-        for bundle in range(scans.bundles[scan], scans.bundles[scan + 1]):
-            part = _part(scans, bundle)
-            for begin in range(part.start, part.stop, MOST_BEAMS):
-                rays = slice(begin, min(begin + MOST_BEAMS, part.stop))
-                if counted + rays.stop - rays.start > MOST_BEAMS:
-                    self._apply(scans.tiles_lo[scan], shape)
-                    counted = 0
-                counted += rays.stop - rays.start
-                first = 0
-                while first >= 0:
-                    first = count_rays(
-                        scans.origins[bundle], scans.ends[rays], scans.hit[rays],
-                        lo, self._bits, strides, self._rays, buffer,
-                        window.table, window.used, window.cells, first,
-                    )  # fmt: skip
-                    if first >= 0:
-                        window.grow(3 * buffer.shape[1] + RAYS)
+        origins, whose, rays = rays_of_scan(scans, scan)
+        ends, hit = scans.ends[rays], scans.hit[rays]
+        for begin in range(0, len(ends), MOST_BEAMS):
+            if begin > 0:
+                self._apply(scans.tiles_lo[scan], shape)
+            some = slice(begin, begin + MOST_BEAMS)
+            first = 0
+            while first >= 0:
+                first = count_rays(
+                    origins, whose[some], ends[some], hit[some],
+                    lo, self._bits, strides, self._rays, buffer,
+                    window.table, window.used, window.cells, first,
+                )  # fmt: skip
+                if first >= 0:
+                    window.grow(3 * buffer.shape[1] + RAYS)
 
     def _weigh(self, scans: ScanCells, scan: int, shape: npt.NDArray[np.int64]) -> None:
         window, buffer = self._window, self._ray_buffer(shape, 0)
-        for bundle in range(scans.bundles[scan], scans.bundles[scan + 1]):
-            part = _part(scans, bundle)
-            first = 0
-            while first >= 0:
-                first = count_scan(
-                    scans.origins[bundle], scans.fades[part], scans.ends[part], scans.tips[part],
-                    scans.hit[part],
-                    scans.tiles_lo[scan] << self._bits, self._bits, _strides(shape),
-                    self._every_beam, self._shape, self._rays, buffer,
-                    window.table, window.used, window.cells,
-                    self._zone, self._zone_left, self._zone_weights, first,
-                )  # fmt: skip
-                if first >= 0:
-                    window.grow(3 * buffer.shape[1] + 2 * len(self._zone))
+        origins, whose, rays = rays_of_scan(scans, scan)
+        first = 0
+        while first >= 0:
+            first = count_scan(
+                origins, whose, scans.fades[rays], scans.ends[rays], scans.tips[rays],
+                scans.hit[rays],
+                scans.tiles_lo[scan] << self._bits, self._bits, _strides(shape),
+                self._every_beam, self._shape, self._rays, buffer,
+                window.table, window.used, window.cells,
+                self._zone, self._zone_left, self._zone_weights, first,
+            )  # fmt: skip
+            if first >= 0:
+                window.grow(3 * buffer.shape[1] + 2 * len(self._zone))
 
     def _ray_buffer(self, shape: npt.NDArray[np.int64], more: int) -> npt.NDArray[np.signedinteger]:
         """Room for the slabs of one ray through a window, and `more`."""
@@ -240,11 +232,6 @@ def _votes_gathered_as(whole: bool, every_beam: bool) -> str:
     if not whole:
         return "weights"
     return "counts" if every_beam else "marks"
-
-
-def _part(scans: ScanCells, bundle: int) -> slice:
-    """The segments of a bundle."""
-    return slice(int(scans.offsets[bundle]), int(scans.offsets[bundle + 1]))
 
 
 def _strides(shape: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

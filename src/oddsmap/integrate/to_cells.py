@@ -15,7 +15,7 @@ from oddsmap.limits import TOO_LONG, in_metres, memory_limit
 from oddsmap.sensors.inverse_model import HitShape
 from oddsmap.sensors.segments import Segments
 
-__all__ = ["beam_shape", "cells_near_return", "check_size", "to_cells"]
+__all__ = ["beam_shape", "cells_near_return", "check_size", "rays_of_scan", "to_cells"]
 
 
 # A longer segment would leave fixed point (see kernels/trace/segments2d.py).
@@ -92,6 +92,17 @@ def to_cells(segments: Segments, resolution: float, side: int, max_window: int) 
         tiles_lo,
         tiles_hi,
     )
+
+
+def rays_of_scan(scans: ScanCells, scan: int) -> tuple[FloatArray, IntArray, slice]:
+    """Where the bundles of a scan start, the bundle of each segment, and its segments."""
+    begin, end = int(scans.bundles[scan]), int(scans.bundles[scan + 1])
+    rays = slice(int(scans.offsets[begin]), int(scans.offsets[end]))
+    if end == begin + 1:
+        whose = np.zeros(rays.stop - rays.start, np.int64)
+    else:
+        whose = np.repeat(np.arange(end - begin), np.diff(scans.offsets[begin : end + 1]))
+    return scans.origins[begin:end], whose, rays
 
 
 def check_size(

@@ -141,8 +141,13 @@ def format_seconds(stamp_ns: int) -> str:
 
 
 def _interpolate(start: Pose3, end: Pose3, fraction: float) -> Pose3:
-    """Between two poses; the rotation takes the short way around one axis."""
-    position = (1.0 - fraction) * start.translation + fraction * end.translation
+    """Between two poses; the rotation takes the short way around one axis.
+
+    Where both are the same bits, so is what lies between them.
+    """
+    position = start.translation + fraction * (end.translation - start.translation)
+    if np.array_equal(start.rotation, end.rotation):
+        return Pose3(start.rotation, position)
     x, y, z, w = quaternion_xyzw(product(start.rotation.T, end.rotation))
     sine = math.sqrt(x * x + y * y + z * z)
     if sine == 0.0:

@@ -63,6 +63,7 @@ def open_argoverse(name: str, options: ReadOptions) -> LazyLog:
     """
     options.refuse(name, "an Argoverse 2 log", "poses", "times", "body_from_sensor", "camera")
     options.refuse(name, "an Argoverse 2 log", "points_in", "origin", "columns", "depth_scale")
+    options.refuse(name, "an Argoverse 2 log", "deskew")
     folder = Path(name)
     for part in (_POSES, _CALIBRATION, _SWEEPS):
         if not (folder / part).exists():

@@ -52,7 +52,7 @@ def open_e57(path: str, options: ReadOptions) -> LazyLog:
             given.
     """
     options.refuse(path, "an E57 file", "camera", "columns", "depth_scale", "scans", "frame")
-    options.refuse(path, "an E57 file", "clock_offset_s")
+    options.refuse(path, "an E57 file", "clock_offset_s", "deskew")
     with _opened(path) as file, decoding(path, _FAULT, _ADVICE):
         count = len(file.data3d)
         posed = [bool(file.data3d[i].isDefined("pose")) for i in range(count)]

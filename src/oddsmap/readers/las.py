@@ -64,6 +64,7 @@ def open_las(path: str, options: ReadOptions) -> Log:
     options.refuse(
         path, "a LAS file", "times", "camera", "columns", "depth_scale", "scans", "frame"
     )
+    options.refuse(path, "a LAS file", "deskew")
     if options.points_in == "sensor":
         raise InputError(
             f"{path}: the points of a LAS file are in the map, not in the frame of a sensor: "

@@ -60,7 +60,13 @@ def open_octomap_graph(source: Source, options: ReadOptions) -> LazyLog:
     """
     options.refuse(source.path, "an OctoMap scan graph", "poses", "times", "camera")
     options.refuse(
-        source.path, "an OctoMap scan graph", "points_in", "origin", "columns", "depth_scale"
+        source.path,
+        "an OctoMap scan graph",
+        "points_in",
+        "origin",
+        "columns",
+        "depth_scale",
+        "deskew",
     )
     skipped, notes = source.initial_skipped(), source.initial_notes()
     (promised,) = struct.unpack_from("<I", source.content)

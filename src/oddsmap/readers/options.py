@@ -38,6 +38,7 @@ class ReadOptions:
     scans: tuple[str, ...] = ()
     frame: str | None = None
     clock_offset_s: float = 0.0
+    deskew: bool | None = None
 
     def __post_init__(self) -> None:
         if self.tolerance_s is not None and not 0.0 <= self.tolerance_s < math.inf:
@@ -98,6 +99,7 @@ class ReadOptions:
             "scans": "has no topics",
             "frame": "has no frames",
             "clock_offset_s": "has its stamps with its poses",
+            "deskew": "is not deskewed",
         }
         for name in names:
             if getattr(self, name) not in (None, (), 0.0):

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """PCD, the format of the Point Cloud Library: `ascii`, `binary` and `binary_compressed`.
 
-Fields x, y and z are floats of 4 or 8 bytes, anywhere among the others, which are ignored. A
-text of a 4-byte field is rounded to 4 bytes. VIEWPOINT is the pose of the sensor (x y z qw qx qy
-qz). PCL before 1.9 fills binary files with zeros to a whole page of memory.
+Fields x, y and z are floats of 4 or 8 bytes, anywhere among the others, of which a field of times
+is read and the rest ignored. A text of a 4-byte field is rounded to 4 bytes. VIEWPOINT is the pose
+of the sensor (x y z qw qx qy qz). PCL before 1.9 fills binary files with zeros to a whole page of
+memory.
 
 Source: https://pointclouds.org/documentation/tutorials/pcd_file_format.html
 """
@@ -13,8 +14,10 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
@@ -23,8 +26,15 @@ from oddsmap.readers.cloud_header import MAX_DIGITS, HeaderLine, header_lines, i
 from oddsmap.readers.compression import Source
 from oddsmap.readers.lzf import decompress
 from oddsmap.readers.plain_text import split_lines, to_number, without_bom
-from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
+from oddsmap.readers.point_cloud import (
+    Cloud,
+    check_size,
+    pick_columns,
+    unpack_column,
+    unpack_points,
+)
 from oddsmap.readers.text_table import parse_table
+from oddsmap.scans.beam_times import TIME_NAMES
 from oddsmap.scans.note import Note
 
 __all__ = ["matches", "read_pcd", "read_viewpoint", "viewpoint_pose"]
@@ -55,6 +65,8 @@ class _Header:
     encoding: str
     body_start: int
     body_line: int
+    time: tuple[int, int, str] | None = None
+    """The field of times: its first byte in a record, its column and its type."""
 
 
 def read_pcd(source: Source) -> Cloud:
@@ -67,16 +79,20 @@ def read_pcd(source: Source) -> Cloud:
     header = _read_header(source)
     body = source.content[header.body_start :]
     notes: tuple[Note, ...] = ()
+    times: npt.NDArray[Any] | None = None
     if header.encoding == "ascii":
-        points = _read_ascii(source.path, body, header)
+        points, times = _read_ascii(source.path, body, header)
     elif header.encoding == "binary":
         body, notes = _without_padding(body, header.point_count * header.stride)
         points = unpack_points(
             source.path, body, header.point_count, header.offsets, header.types, header.stride
         )
+        if header.time is not None:
+            offset, _, kind = header.time
+            times = unpack_column(body, header.point_count, offset, kind, header.stride)
     else:
-        points = _read_compressed(source.path, body, header)
-    return Cloud(points, header.viewpoint, notes)
+        points, times = _read_compressed(source.path, body, header)
+    return Cloud(points, header.viewpoint, notes, times)
 
 
 def read_viewpoint(source: Source) -> tuple[float, ...]:
@@ -143,6 +159,7 @@ def _read_header(source: Source) -> _Header:
         encoding=encoding,
         body_start=last.end,
         body_line=last.number + 1,
+        time=_find_time(names, kinds, sizes, counts),
     )
 
 
@@ -172,6 +189,22 @@ def _find_axis(
             "it must be one float of 4 or 8 bytes"
         )
     return i
+
+
+def _find_time(
+    names: list[str], kinds: list[str], sizes: list[int], counts: list[int]
+) -> tuple[int, int, str] | None:
+    """The first field of times that is one number; what is odd in it is left alone, as others."""
+    for name in TIME_NAMES:
+        if names.count(name) != 1:
+            continue
+        i = names.index(name)
+        code = {"F": "f", "U": "u", "I": "i"}.get(kinds[i])
+        if code is None or counts[i] != 1 or sizes[i] not in (4, 8):
+            continue
+        offset = sum(s * c for s, c in zip(sizes[:i], counts[:i], strict=True))
+        return offset, sum(counts[:i]), f"<{code}{sizes[i]}"
+    return None
 
 
 def _point_count(path: str, entries: dict[str, list[str]]) -> int:
@@ -209,15 +242,20 @@ def _viewpoint(path: str, words: list[str] | None) -> tuple[float, ...]:
     return values
 
 
-def _read_ascii(path: str, body: bytes, header: _Header) -> FloatArray:
+_Points = tuple[FloatArray, npt.NDArray[Any] | None]
+"""Points and their times."""
+
+
+def _read_ascii(path: str, body: bytes, header: _Header) -> _Points:
     lines = split_lines(body.decode("utf-8-sig", "replace"))
     numbers = [n for n, line in enumerate(lines, start=header.body_line) if line.strip()]
     lines = [line for line in lines if line.strip()]
     check_size(path, header.point_count, len(lines))
     if not lines:  # then nothing bounds the count of columns, which NumPy may not take
-        return np.empty((0, 3))
+        return np.empty((0, 3)), None
     table = parse_table(path, lines, numbers, header.column_count)
-    return pick_columns(table, header.columns, header.types)
+    times = None if header.time is None else table[:, header.time[1]]
+    return pick_columns(table, header.columns, header.types), times
 
 
 def _without_padding(body: bytes, wanted: int) -> tuple[bytes, tuple[Note, ...]]:
@@ -229,11 +267,11 @@ def _without_padding(body: bytes, wanted: int) -> tuple[bytes, tuple[Note, ...]]
     return body[:wanted], (Note(text, code="cloud.padding"),)
 
 
-def _read_compressed(path: str, body: bytes, header: _Header) -> FloatArray:
+def _read_compressed(path: str, body: bytes, header: _Header) -> _Points:
     """Fields one after another (all x, then all y, ...), compressed as a whole."""
     wanted = header.point_count * header.stride
     if wanted == 0:
-        return np.empty((0, 3))
+        return np.empty((0, 3)), None
     packed, size = struct.unpack_from("<II", body) if len(body) >= 8 else (0, 0)
     if size != wanted:
         raise InputError(
@@ -257,4 +295,7 @@ def _read_compressed(path: str, body: bytes, header: _Header) -> FloatArray:
         for axis, (offset, kind) in enumerate(zip(header.offsets, header.types, strict=True)):
             start = offset * header.point_count
             points[:, axis] = np.frombuffer(content, kind, header.point_count, start)
-    return points
+    if header.time is None:
+        return points, None
+    offset, _, kind = header.time
+    return points, np.frombuffer(content, kind, header.point_count, offset * header.point_count)

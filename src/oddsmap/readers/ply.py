@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """PLY, the polygon format: ascii and binary of both byte orders, vertices alone.
 
-Properties x, y and z of the element `vertex` are floats of 4 or 8 bytes; other properties and
-elements (faces) are ignored. Lists within or before the vertices, which no point cloud has,
-are refused. PLY holds no pose. Types may have the names of C or of NumPy.
+Properties x, y and z of the element `vertex` are floats of 4 or 8 bytes, and one of times is read
+where there is one; other properties and elements (faces) are ignored. Lists within or before the
+vertices, which no point cloud has, are refused. PLY holds no pose. Types may have the names of C or
+of NumPy.
 
 Source: Turk, The PLY polygon file format (1994).
 """
@@ -19,8 +20,15 @@ from oddsmap.errors import InputError
 from oddsmap.readers.cloud_header import header_lines, is_count
 from oddsmap.readers.compression import Source
 from oddsmap.readers.plain_text import split_lines, without_bom
-from oddsmap.readers.point_cloud import Cloud, check_size, pick_columns, unpack_points
+from oddsmap.readers.point_cloud import (
+    Cloud,
+    check_size,
+    pick_columns,
+    unpack_column,
+    unpack_points,
+)
 from oddsmap.readers.text_table import parse_table
+from oddsmap.scans.beam_times import TIME_NAMES
 from oddsmap.scans.note import Note
 
 __all__ = ["matches", "read_ply"]
@@ -30,6 +38,10 @@ _SIZES = {
     **{"uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4, "float": 4, "float32": 4},
     **{"double": 8, "float64": 8},
     **{"i1": 1, "u1": 1, "i2": 2, "u2": 2, "i4": 4, "u4": 4, "f4": 4, "f8": 8},
+}
+_NUMPY = {
+    **{"int": "i4", "int32": "i4", "i4": "i4", "uint": "u4", "uint32": "u4", "u4": "u4"},
+    **{"float": "f4", "float32": "f4", "f4": "f4", "double": "f8", "float64": "f8", "f8": "f8"},
 }
 _FLOATS = ("float", "float32", "f4", "double", "float64", "f8")
 _BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -80,15 +92,32 @@ def read_ply(source: Source) -> Cloud:
     if encoding == "ascii":
         skip = sum(element.count for element in earlier)
         last = place == len(elements) - 1
-        points = _read_ascii(source, start, line_number, skip, vertex, columns, types, last)
-        return Cloud(points, notes=_notes(elements))
+        time = _find_time(vertex)
+        points, times = _read_ascii(
+            source, start, line_number, skip, vertex, columns, types, last, time
+        )
+        return Cloud(points, notes=_notes(elements), times=times)
     start += sum(e.count * stride for e, stride in zip(earlier, strides, strict=False))
     body = source.content[start:]
     if place < len(elements) - 1:
         body = body[: vertex.count * strides[-1]]
     offsets = [sum(_SIZES[kind] for kind in kinds[:i]) for i in columns]
     points = unpack_points(path, body, vertex.count, offsets, types, strides[-1])
-    return Cloud(points, notes=_notes(elements))
+    times = None
+    if (i := _find_time(vertex)) is not None:
+        kind = np.dtype(_BYTE_ORDERS[encoding] + _NUMPY[kinds[i]])
+        offset = sum(_SIZES[each] for each in kinds[:i])
+        times = unpack_column(body, vertex.count, offset, kind.str, strides[-1])
+    return Cloud(points, notes=_notes(elements), times=times)
+
+
+def _find_time(vertex: _Element) -> int | None:
+    """The first property of times: a number of 4 or 8 bytes."""
+    names = [name for name, _ in vertex.properties]
+    for name in TIME_NAMES:
+        if names.count(name) == 1 and vertex.properties[names.index(name)][1] in _NUMPY:
+            return names.index(name)
+    return None
 
 
 def _notes(elements: list[_Element]) -> tuple[Note, ...]:
@@ -153,14 +182,15 @@ def _read_ascii(
     columns: list[int],
     types: list[str],
     last: bool,
-) -> FloatArray:
+    time: int | None,
+) -> tuple[FloatArray, FloatArray | None]:
     text = split_lines(source.content[start:].decode("utf-8-sig", "replace"))
     rows = [(n, line) for n, line in enumerate(text, start=line_number) if line.strip()][skip:]
     if not last:
         rows = rows[: vertex.count]
     check_size(source.path, vertex.count, len(rows))
     if not rows:
-        return np.empty((0, 3))
+        return np.empty((0, 3)), None
     lines, numbers = [line for _, line in rows], [n for n, _ in rows]
     table = parse_table(source.path, lines, numbers, len(vertex.properties))
-    return pick_columns(table, columns, types)
+    return pick_columns(table, columns, types), None if time is None else table[:, time]

@@ -4,14 +4,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.scans.note import Note
 
-__all__ = ["Cloud", "check_size", "pick_columns", "unpack_points"]
+__all__ = ["Cloud", "check_size", "pick_columns", "unpack_column", "unpack_points"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,11 +25,14 @@ class Cloud:
         viewpoint: PCD's sensor pose, x y z qw qx qy qz, as it stands in the file; None where the
             format has none.
         notes: what is odd about the file.
+        times: when each point was taken, in the unit and from the time that the file has them,
+            shape (n,); None where it has none.
     """
 
     points: FloatArray
     viewpoint: tuple[float, ...] | None = None
     notes: tuple[Note, ...] = ()
+    times: npt.NDArray[Any] | None = None
 
 
 def check_size(path: str, promised: int, held: int) -> None:
@@ -64,6 +69,14 @@ def unpack_points(
         for axis, name in enumerate("xyz"):
             points[:, axis] = records[name]
     return points
+
+
+def unpack_column(body: bytes, count: int, offset: int, kind: str, stride: int) -> npt.NDArray[Any]:
+    """Take one field out of the binary records that `unpack_points` has taken points out of."""
+    if count == 0:
+        return np.empty(0)
+    dtype = np.dtype({"names": ["t"], "formats": [kind], "offsets": [offset], "itemsize": stride})
+    return np.ascontiguousarray(np.frombuffer(body, dtype, count)["t"])
 
 
 def pick_columns(table: FloatArray, columns: list[int], types: list[str]) -> FloatArray:

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
+from oddsmap.poses.at_times import PoseTrack
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError, Trajectory
 from oddsmap.readers.options import FilePath, ReadOptions
@@ -53,6 +54,8 @@ class PoseMatch:
     map_from_sensor: Callable[[int], Pose3]
     stamps_ns: StampArray | None
     notes: tuple[Note, ...] = ()
+    track: PoseTrack | None = None
+    """The poses over time, where they have stamps: those of the body, as they stand in the file."""
 
     def stamp_ns(self, i: int) -> int | None:
         """The stamp of a scan [ns]."""
@@ -117,6 +120,7 @@ def match_poses(
             lambda i: options.sensor_pose(trajectory.at(int(scan_stamps[i]), options.tolerance_ns)),
             stamps,
             file.notes,
+            PoseTrack(trajectory),
         )
     if rows is not None:
         return _by_number(names, file, rows, trajectory, stamps, options)
@@ -192,10 +196,12 @@ def _by_order(
     if stamped:
         text = "the scans have no stamps: poses are taken in their order, one per scan"
         notes = (*notes, Note(text, code="pose.by_order", severity="warning"))
+    own = trajectory.stamps_ns if stamps is None else stamps
     return PoseMatch(
         lambda i: options.sensor_pose(trajectory[i]),
-        trajectory.stamps_ns if stamps is None else stamps,
+        own,
         notes,
+        None if own is None else PoseTrack(trajectory.with_stamps(own)),
     )
 
 

@@ -68,7 +68,7 @@ def open_ptx(source: Source, options: ReadOptions) -> LazyLog:
         InputError: a header that says nothing usable, or fewer points than it promises.
     """
     options.refuse(source.path, "a PTX file", "poses", "times", "body_from_sensor", "camera")
-    options.refuse(source.path, "a PTX file", "columns", "depth_scale", "points_in")
+    options.refuse(source.path, "a PTX file", "columns", "depth_scale", "points_in", "deskew")
     ends = _line_ends(source.content)
     setups = _find_setups(source, ends)
     notes: list[Note] = source.initial_notes()

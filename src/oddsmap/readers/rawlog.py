@@ -42,7 +42,7 @@ def open_rawlog(source: Source, options: ReadOptions) -> LoadedLog:
     """
     path = source.path
     options.refuse(path, "a rawlog", "times", "body_from_sensor", "camera", "points_in", "origin")
-    options.refuse(path, "a rawlog", "columns", "depth_scale")
+    options.refuse(path, "a rawlog", "columns", "depth_scale", "deskew")
     skipped, notes = source.initial_skipped(), source.initial_notes()
     lasers, steps = _sort(source, options, skipped, notes)
     if not lasers:

@@ -53,6 +53,7 @@ def open_recorded(name: str, options: ReadOptions) -> RecordedLog:
         skip_bad=options.skip_bad,
         camera=options.camera,
         units_per_metre=options.depth_scale,
+        deskew=options.deskew,
     )
     return log_of(recording, choices)
 

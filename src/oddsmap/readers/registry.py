@@ -65,7 +65,7 @@ def _alone(
 
     def open_alone(source: Source, options: ReadOptions) -> Log:
         options.refuse(source.path, name, "poses", "times", "body_from_sensor", "camera")
-        options.refuse(source.path, name, "points_in", "origin", "columns", "depth_scale")
+        options.refuse(source.path, name, "points_in", "origin", "columns", "depth_scale", "deskew")
         return open_source_alone(source)
 
     return open_alone
@@ -128,6 +128,7 @@ def open_log(
     scans: Sequence[str] = (),
     frame: str | None = None,
     clock_offset_s: float = 0.0,
+    deskew: bool | None = None,
 ) -> Log:
     """Open a log of range readings with poses: a file, or a folder of scans.
 
@@ -161,6 +162,9 @@ def open_log(
         frame: the frame of the map in a recording; by default map, world or odom.
         clock_offset_s: what is added to the stamps of a recording's scans to get the time of its
             poses [s].
+        deskew: take each beam from where the sensor was at its own time, where the log has one for
+            each; False: the whole scan at its stamp. By default where the times are plausible and
+            poses come at least ten times a second; a note says so.
 
     Returns:
         The scans in file order, and what had to be skipped to get them.
@@ -183,6 +187,7 @@ def open_log(
         scans=(scans,) if isinstance(scans, str) else tuple(scans),
         frame=frame,
         clock_offset_s=clock_offset_s,
+        deskew=deskew,
     )
     name = os.fspath(path)
     with memory_for(f"the log {name}", "split it, or read it on a machine with more memory"):

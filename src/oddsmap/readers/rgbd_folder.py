@@ -86,7 +86,7 @@ def open_seven_scenes(name: str, options: ReadOptions) -> DepthLog:
         names = [image.name for image in images]
         match = match_poses(name, names, options.poses, options.times, options)
         return _open(name, _SEVEN_SCENES, images, match.map_from_sensor, match.stamp_ns, options)
-    options.refuse(name, "a 7-Scenes folder", "times", "points_in", "origin", "columns")
+    options.refuse(name, "a 7-Scenes folder", "times", "points_in", "origin", "columns", "deskew")
     files = [image.with_name(image.name.removesuffix(_IMAGE_END) + _POSE_END) for image in images]
     missing = [image for image, file in zip(images, files, strict=True) if not file.is_file()]
     if missing and not options.skip_bad:
@@ -111,7 +111,7 @@ def open_tum_rgbd(name: str, options: ReadOptions) -> DepthLog:
         InputError: no poses, a list that cannot be read, or intrinsics that cannot be used.
     """
     folder = Path(name)
-    options.refuse(name, "a TUM RGB-D folder", "times", "points_in", "origin", "columns")
+    options.refuse(name, "a TUM RGB-D folder", "times", "points_in", "origin", "columns", "deskew")
     images, stamps = _read_list(folder)
     poses = options.poses
     if poses is None:

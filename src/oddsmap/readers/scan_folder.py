@@ -21,6 +21,7 @@ from oddsmap.readers.bin_columns import find_bin_columns
 from oddsmap.readers.bin_points import KITTI_COLUMNS, read_bin_points
 from oddsmap.readers.compression import Source, open_source
 from oddsmap.readers.kitti_calib import read_kitti_poses
+from oddsmap.readers.moving_clouds import MovingClouds
 from oddsmap.readers.options import FilePath, ReadOptions
 from oddsmap.readers.pcd import read_pcd, viewpoint_pose
 from oddsmap.readers.ply import read_ply
@@ -99,6 +100,9 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         options.refuse(name, f"a folder of {kind} files", "columns")
     match, notes = _match(name, folder, suffix, files, options)
     found = _FoundNotes(files)
+    moving = MovingClouds(
+        name, len(files), lambda i: read_cloud(open_source(files[i])), match, options
+    )
 
     def read_scan(i: int) -> Scan:
         source = open_source(files[i])
@@ -111,7 +115,8 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
             pose, stamp_ns = options.sensor_pose(body), None
         else:
             pose, stamp_ns = match.map_from_sensor(i), match.stamp_ns(i)
-        return Scan.from_points(pose, in_sensor_frame(cloud.points, pose, options), stamp_ns)
+        points = in_sensor_frame(cloud.points, pose, options)
+        return moving.moved(i, Scan.from_points(pose, points, stamp_ns), cloud)
 
     return LazyLog(
         path=name,
@@ -119,8 +124,9 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         scan_count=len(files),
         read_scan=read_scan,
         skip_bad=options.skip_bad,
-        opening_notes=(*opening, *notes),
-        found_notes=found.notes,
+        opening_notes=(*opening, *notes, *moving.notes),
+        found_notes=lambda: (*found.notes(), *moving.found_notes),
+        found_skipped=lambda: moving.skipped,
     )
 
 
@@ -153,7 +159,7 @@ def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Calla
     """A reader of one cloud, for the registry."""
 
     def open_cloud(source: Source, options: ReadOptions) -> LoadedLog:
-        options.refuse(source.path, f"a {kind} file", "camera", "columns", "depth_scale")
+        options.refuse(source.path, f"a {kind} file", "camera", "columns", "depth_scale", "deskew")
         cloud = read_cloud(source)
         notes = [*source.initial_notes(), *cloud.notes]
         stamp_ns = None

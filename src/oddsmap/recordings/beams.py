@@ -16,6 +16,7 @@ from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.recordings.recording import stamp_of
+from oddsmap.scans.beam_times import TIME_NAMES, after_stamp
 from oddsmap.scans.note import Note
 
 __all__ = ["LASERS_AND_CLOUDS", "Beams", "shortest"]
@@ -110,7 +111,6 @@ def _fan(start: float, step: float, count: int) -> FloatArray:
 
 # Types of PointField by number.
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-_TIME_NAMES = ("t", "time", "timestamp", "offset_time", "time_offset", "time_stamp")
 
 
 def _point_cloud(data: Any) -> Beams:
@@ -120,8 +120,8 @@ def _point_cloud(data: Any) -> Beams:
         for axis, name in enumerate("xyz"):
             points[:, axis] = table[name]
     stamp = stamp_of(data.header)
-    times = next((table[name] for name in _TIME_NAMES if name in (table.dtype.names or ())), None)
-    after = None if times is None else _after_stamp(times, stamp)
+    times = next((table[name] for name in TIME_NAMES if name in (table.dtype.names or ())), None)
+    after = None if times is None else after_stamp(times, stamp)
     frame = data.header.frame_id.lstrip("/")
     return Beams(frame=frame, stamp_ns=stamp, points=points, after_ns=after)
 
@@ -153,33 +153,6 @@ def _records(data: Any) -> npt.NDArray[np.void]:
     )
     rows = content[: row * height].reshape(height, row)[:, : width * stride]
     return np.ascontiguousarray(rows).reshape(-1).view(dtype)
-
-
-def _after_stamp(times: npt.NDArray[Any], stamp_ns: int) -> npt.NDArray[np.int64] | None:
-    """Times of points after the stamp of their cloud [ns]; None where they are no times.
-
-    Programs write them in seconds, milliseconds, microseconds or nanoseconds, from the stamp on or
-    since 1970. A cloud takes between 10 ms and 1 s: one unit fits, or none.
-    """
-    values = times.astype(np.float64)
-    known = values[np.isfinite(values)]
-    if len(known) == 0:
-        return None
-    first, span = float(known.min()), float(known.max() - known.min())
-    for unit in (10**9, 10**6, 10**3, 1):
-        if not 1e7 <= span * unit <= 1e9:
-            continue
-        if abs(first * unit) < 3600e9:
-            after = values * unit
-        elif abs(first * unit - stamp_ns) > 10e9:
-            return None
-        elif times.dtype.kind in "iu":
-            after = (times.astype(np.int64) * unit - stamp_ns).astype(np.float64)
-        else:
-            # Seconds first, which doubles of some 1e9 hold to 0.2 us; nanoseconds they do not.
-            after = (values - stamp_ns / unit) * unit
-        return np.rint(np.where(np.isfinite(after), after, 0.0)).astype(np.int64)
-    return None
 
 
 LASERS_AND_CLOUDS = {

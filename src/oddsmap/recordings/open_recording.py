@@ -15,6 +15,7 @@ from oddsmap.recordings.poses import SensorPoses, TransformPoses
 from oddsmap.recordings.recorded_log import RecordedLog, lies_flat
 from oddsmap.recordings.recording import Recording
 from oddsmap.recordings.survey import Glance, Survey, cameras_of, said_of, survey
+from oddsmap.scans.beam_timing import choose_deskew
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.note import Note
 
@@ -39,6 +40,7 @@ class Choices:
         skip_bad: count scans that make no sense, in place of raising.
         camera: the intrinsics of depth images; by default those in the recording.
         units_per_metre: of depth images of whole numbers; by default they are millimetres.
+        deskew: take beams at their own times; None: where times and poses allow it.
     """
 
     scans: Sequence[str] = ()
@@ -50,6 +52,7 @@ class Choices:
     skip_bad: bool = False
     camera: PinholeCamera | None = None
     units_per_metre: float | None = None
+    deskew: bool | None = None
 
 
 def log_of(recording: Recording, choices: Choices, found: Survey | None = None) -> RecordedLog:
@@ -70,6 +73,7 @@ def log_of(recording: Recording, choices: Choices, found: Survey | None = None) 
             topics,
             units_per_metre=choices.units_per_metre,
             skip_bad=choices.skip_bad,
+            clock_offset_ns=choices.clock_offset_ns,
         )
     found = found.only(topics)
     if not found.glances:
@@ -113,6 +117,10 @@ def log_of(recording: Recording, choices: Choices, found: Survey | None = None) 
         which = "laser leans" if "fan" in shapes else "sensor points up or down"
         notes.append(Note(f"the {which}: it is mapped in 3D", code="laser.leans"))
     _note_optical(seen, notes)
+    spacing = max(where.spacing_ns(frame) for frame in {glance.frame for glance in glances})
+    timings = list(found.timings.values())
+    deskews, of_times = choose_deskew(recording.path, choices.deskew, timings, spacing)
+    notes.extend(of_times)
     return RecordedLog(
         recording=recording,
         topics=topics,
@@ -124,6 +132,7 @@ def log_of(recording: Recording, choices: Choices, found: Survey | None = None) 
         opening_notes=tuple(notes),
         clock_offset_ns=choices.clock_offset_ns,
         skip_bad=choices.skip_bad,
+        deskews=deskews,
     )
 
 

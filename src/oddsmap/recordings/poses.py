@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
+from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
+from oddsmap.poses.at_times import PoseArray, PoseTrack
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError, Trajectory, format_seconds
 from oddsmap.recordings.recording import Message, Recording, shape_of, stamp_of
@@ -46,6 +48,17 @@ class SensorPoses(Protocol):
             NoPoseError: it is not known.
         """
 
+    def at_times(self, frame: str, times_ns: IntArray) -> PoseArray:
+        """map_from_sensor at the times of beams [ns], shape (n,), where it is known."""
+
+    def spacing_ns(self, frame: str) -> float:
+        """The time from one pose to the next [ns]; 0 where the sensor never moves."""
+
+
+# A beam may be this far from the nearest pose also where a scan may not [ns]: poses that come ten
+# times a second, one for each scan, are the rarest that a scan is deskewed by.
+_BEAM_TOLERANCE_NS = 100_000_000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransformPoses:
@@ -61,6 +74,18 @@ class TransformPoses:
         for step in self.tree.path_between(self.frame, frame):
             pose = pose @ self.tree.transform(step, stamp_ns, self.tolerance_ns)
         return pose
+
+    def at_times(self, frame: str, times_ns: IntArray) -> PoseArray:
+        """map_from_sensor at the times of beams."""
+        poses = PoseArray.fixed(Pose3(np.eye(3), np.zeros(3)), len(times_ns))
+        tolerance = max(self.tolerance_ns, _BEAM_TOLERANCE_NS)
+        for step in self.tree.path_between(self.frame, frame):
+            poses = poses @ self.tree.transforms(step, times_ns, tolerance)
+        return poses
+
+    def spacing_ns(self, frame: str) -> float:
+        """The time between the rarest of the transforms [ns]."""
+        return self.tree.spacing_ns(self.frame, frame)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +106,11 @@ class BodyPoses:
     body_from_sensor: Pose3 | None
     tolerance_ns: int
     frame: str | None = None
+    _track: PoseTrack | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.trajectory.stamps_ns is not None:
+            object.__setattr__(self, "_track", PoseTrack(self.trajectory))
 
     def at(self, frame: str, stamp_ns: int) -> Pose3:
         """map_from_sensor at a time."""
@@ -99,10 +129,31 @@ class BodyPoses:
         pose = self.trajectory.at(stamp_ns, self.tolerance_ns)
         if self.body_from_sensor is not None:
             return pose @ self.body_from_sensor
+        mounted = self._mounted(frame)
+        return pose if mounted is None else pose @ mounted.at(frame, stamp_ns)
+
+    def at_times(self, frame: str, times_ns: IntArray) -> PoseArray:
+        """map_from_sensor at the times of beams."""
+        if self._track is None:
+            return PoseArray(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros(0, np.bool_))
+        poses = self._track.at(times_ns, max(self.tolerance_ns, _BEAM_TOLERANCE_NS))
+        if self.body_from_sensor is not None:
+            return poses @ PoseArray.fixed(self.body_from_sensor, len(times_ns))
+        mounted = self._mounted(frame)
+        return poses if mounted is None else poses @ mounted.at_times(frame, times_ns)
+
+    def spacing_ns(self, frame: str) -> float:
+        """The time from one pose to the next, or between transforms on the body [ns]."""
+        mounted = None if self.body_from_sensor is not None else self._mounted(frame)
+        own = np.inf if self._track is None else self._track.spacing_ns
+        return own if mounted is None else max(own, mounted.spacing_ns(frame))
+
+    def _mounted(self, frame: str) -> TransformPoses | None:
+        """Where transforms put the sensor on the body; None where there are none."""
         # What is in the frame of the map itself was seen from the body.
         if self.body is None or frame == self.frame or frame not in self.tree.reachable(self.body):
-            return pose
-        return pose @ TransformPoses(self.tree, self.body, self.tolerance_ns).at(frame, stamp_ns)
+            return None
+        return TransformPoses(self.tree, self.body, self.tolerance_ns)
 
 
 def add_transforms(tree: TransformTree, message: Message) -> None:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from oddsmap.array_types import FloatArray
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
+from oddsmap.poses.at_times import PoseArray
 from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.recordings.beams import Beams
@@ -20,7 +21,9 @@ from oddsmap.recordings.poses import SensorPoses
 from oddsmap.recordings.recording import TRUNCATED, Recording, Topic
 from oddsmap.recordings.scan_messages import beams_of
 from oddsmap.recordings.survey import form_of, sensor_id
+from oddsmap.scans.beam_timing import left_out_note
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.scans.deskew import deskew
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -67,6 +70,7 @@ class RecordedLog:
         continues: another part says what is wrong with the recording.
         others: sensors on the same topics that are left out.
         silent: topics whose unreadable scans another part counts.
+        deskews: take each beam at its own time.
     """
 
     recording: Recording
@@ -82,6 +86,7 @@ class RecordedLog:
     continues: bool = False
     others: frozenset[str] = frozenset()
     silent: frozenset[str] = frozenset()
+    deskews: bool = False
     _skipped: Counter[str] = field(default_factory=Counter, init=False, repr=False)
     _first: list[str] = field(default_factory=list, init=False, repr=False)
     _restated: Counter[str] = field(default_factory=Counter, init=False, repr=False)
@@ -138,8 +143,11 @@ class RecordedLog:
             )
             text += f"up to {most:.3g}: they are mapped as if they were level"
             found.append(Note(text, code="laser.leans_at_times", severity="warning"))
+        left_out = self._skipped["beam.no_pose"]
+        if left_out:
+            found.append(left_out_note(left_out))
         if self._first:
-            count = sum(self._skipped.values())
+            count = self._skipped.total() - left_out
             text = f"{count} scans were skipped, the first: {self._first[0]}"
             found.append(Note(text, code="log.bad_scans", severity="warning"))
         return tuple(found)
@@ -200,7 +208,7 @@ class RecordedLog:
                 sensor = sensor_id(name, beams)
                 if sensor in self.others:
                     continue
-                scan = self._scan(name, beams)
+                scan = self._moving(name, beams)
             except NoPoseError as error:
                 self._skip("scan.no_pose", name, error)
                 continue
@@ -222,11 +230,27 @@ class RecordedLog:
         if not self._first:
             self._first.append(f"{topic}: {error}")
 
-    def _scan(self, topic: str, beams: Beams) -> Scan | DepthScan:
+    def _moving(self, topic: str, beams: Beams) -> Scan | DepthScan:
+        """A scan, deskewed where that is asked for and its beams have times."""
+        own, frame = beams.frame_from_sensor, beams.frame
+        pose = self.poses.at(frame, beams.stamp_ns + self.clock_offset_ns)
+        if own is not None:
+            pose = pose @ own
+        scan = self._scan(topic, beams, pose)
+        if not self.deskews or frame == self.poses.frame or isinstance(scan, DepthScan):
+            return scan  # points in the map are where they were
+
+        def at_times(times_ns: IntArray) -> PoseArray:
+            poses = self.poses.at_times(frame, times_ns)
+            return poses if own is None else poses @ PoseArray.fixed(own, len(times_ns))
+
+        scan, left_out = deskew(scan, pose, at_times)
+        if left_out:
+            self._skipped["beam.no_pose"] += left_out
+        return scan
+
+    def _scan(self, topic: str, beams: Beams, pose: Pose3) -> Scan | DepthScan:
         stamp = beams.stamp_ns + self.clock_offset_ns
-        pose = self.poses.at(beams.frame, stamp)
-        if beams.frame_from_sensor is not None:
-            pose = pose @ beams.frame_from_sensor
         times = None if beams.after_ns is None else beams.after_ns + stamp
         if beams.depth is not None:
             return DepthScan(pose, beams.depth, self.cameras[topic], stamp)

@@ -15,6 +15,7 @@ from oddsmap.recordings.poses import TF_TYPES, add_transforms
 from oddsmap.recordings.recording import Message, Recording, Topic
 from oddsmap.recordings.scan_messages import IMAGE, RANGE, beams_of
 from oddsmap.recordings.transforms import TransformTree
+from oddsmap.scans.beam_timing import BeamTiming
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
@@ -59,6 +60,7 @@ class Survey:
         intrinsics: the first message of each topic of intrinsics.
         notes: what to know, by topic.
         late_ns: how long after the stamps of their headers scans were written [ns], by topic.
+        timings: when the beams of each topic were taken.
         bad: the first scan of each topic that makes no sense, and why.
     """
 
@@ -69,6 +71,7 @@ class Survey:
     intrinsics: dict[str, Message] = field(default_factory=dict)
     notes: dict[str, list[Note]] = field(default_factory=dict)
     late_ns: dict[str, list[int]] = field(default_factory=dict)
+    timings: dict[str, BeamTiming] = field(default_factory=dict)
     bad: dict[str, str] = field(default_factory=dict)
 
     def only(self, topics: Sequence[Topic]) -> Survey:
@@ -83,6 +86,7 @@ class Survey:
                 if glance.topic in names
             },
             images={name: image for name, image in self.images.items() if name in names},
+            timings={name: timing for name, timing in self.timings.items() if name in names},
         )
 
 
@@ -97,6 +101,7 @@ def survey(
     *,
     units_per_metre: float | None = None,
     skip_bad: bool = False,
+    clock_offset_ns: int = 0,
 ) -> Survey:
     """Read all transforms, look at some scans, and learn what these state.
 
@@ -105,6 +110,7 @@ def survey(
         topics: the topics of scans.
         units_per_metre: of images of whole numbers; by default they are millimetres.
         skip_bad: scans that make no sense are left for later, when they are counted.
+        clock_offset_ns: what is added to the stamps of scans [ns].
 
     Raises:
         InputError: one makes no sense.
@@ -137,6 +143,8 @@ def survey(
                     found.bad.setdefault(name, str(error))
                 else:
                     _take(found, name, beams, message.log_ns)
+                    timing = found.timings.setdefault(name, BeamTiming(clock_offset_ns))
+                    timing.add(seen[name], beams.stamp_ns, beams.after_ns, message.log_ns)
             seen[name] += 1
     return found
 

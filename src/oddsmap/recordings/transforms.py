@@ -16,7 +16,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
+from oddsmap.poses.at_times import PoseArray, PoseTrack
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError, Trajectory, format_seconds
 
@@ -42,6 +44,7 @@ class _Edge:
     fixed: Pose3 | None
     sampled: Trajectory | None
     span_ns: tuple[int, int]
+    track: PoseTrack | None = None
 
     def at(self, stamp_ns: int, tolerance_ns: int) -> Pose3:
         if self.fixed is not None or self.sampled is None:
@@ -53,6 +56,11 @@ class _Edge:
                 f"{format_seconds(first)} to {format_seconds(last)} s"
             )
         return self.sampled.at(stamp_ns, tolerance_ns)
+
+    def at_times(self, times_ns: IntArray, tolerance_ns: int) -> PoseArray:
+        if self.track is None:
+            return PoseArray.fixed(self.at(0, 0), len(times_ns))
+        return self.track.at(times_ns, tolerance_ns)
 
 
 class TransformTree:
@@ -151,6 +159,20 @@ class TransformTree:
             return self._edge(step).at(stamp_ns, tolerance_ns)
         return self._edge((step[1], step[0])).at(stamp_ns, tolerance_ns).inverse()
 
+    def transforms(self, step: Link, times_ns: IntArray, tolerance_ns: int) -> PoseArray:
+        """first_from_second of two frames next to each other, at many times."""
+        if step in self._samples:
+            return self._edge(step).at_times(times_ns, tolerance_ns)
+        return self._edge((step[1], step[0])).at_times(times_ns, tolerance_ns).inverse()
+
+    def spacing_ns(self, target: str, source: str) -> float:
+        """The time between samples of the transforms on the way, of the rarest [ns]; 0: fixed."""
+        spacing = 0.0
+        for step in self.path_between(target, source):
+            track = self._edge(step if step in self._samples else (step[1], step[0])).track
+            spacing = spacing if track is None else max(spacing, track.spacing_ns)
+        return spacing
+
     def path_between(self, target: str, source: str) -> list[Link]:
         """The frames on the shortest way from one to another, in pairs.
 
@@ -222,7 +244,8 @@ class TransformTree:
             np.array(said.stamps, np.int64)[keep],
             path=f"{self.path}: the transform {key[0]} to {key[1]}",
         )
-        return _Edge(None, trajectory, (int(stamps[0]), int(stamps[-1])))
+        span = int(stamps[0]), int(stamps[-1])
+        return _Edge(None, trajectory, span, PoseTrack(trajectory))
 
     def _pose(self, key: Link, value: tuple[float, ...]) -> Pose3:
         try:

@@ -33,6 +33,7 @@ class LazyLog:
         opening_skipped: what had to be skipped to open the log, by reason.
         sensor: what the log states about its sensor.
         found_notes: what reading scans has shown so far.
+        found_skipped: beams that were left out of scans so far, by reason.
     """
 
     path: str
@@ -44,6 +45,7 @@ class LazyLog:
     opening_skipped: Counter[str] = field(default_factory=Counter)
     sensor: Mapping[str, float] = field(default_factory=dict)
     found_notes: Callable[[], tuple[Note, ...]] = tuple
+    found_skipped: Callable[[], Counter[str]] = Counter
     # By number, so that a scan met again when the log is read again is not counted again.
     _bad: dict[int, InputError] = field(default_factory=dict, init=False, repr=False)
 
@@ -54,7 +56,7 @@ class LazyLog:
             "scan.no_pose" if isinstance(error, NoPoseError) else "scan.unreadable"
             for error in self._bad.values()
         )
-        return self.opening_skipped + Counter(reasons)
+        return self.opening_skipped + Counter(reasons) + self.found_skipped()
 
     @property
     def notes(self) -> tuple[Note, ...]:

@@ -57,7 +57,11 @@ class Scan:
 
     `directions * ranges` is rounded, and puts one point in thirty of a flat wall that lies on a
     border of cells into the cell before it: what was measured as a point marks as that point.
+    Where beams have origins they are counted from these.
     """
+    own_vectors: FloatArray | None = field(default=None, init=False, repr=False)
+    """`directions` or `measured_points` in the frame of the sensor at the time of each beam, where
+    that is another one: what the robot's own body and angles of beams are told in, shape (n, d)."""
     stated: Mapping[str, float] = field(default_factory=dict, init=False, repr=False)
     """What its log states about the sensor, by the names of the configuration; logs set it."""
 
@@ -78,8 +82,9 @@ class Scan:
 
     def _check_origins(self, origins: FloatArray) -> None:
         """Take a beam from nowhere as one that says nothing."""
-        nowhere = np.asarray(~np.isfinite(origins).all(axis=1))
-        if nowhere.any():
+        finite = np.isfinite(origins)
+        if not finite.all():  # by rows only then: that takes 6 ms for 65,536 beams
+            nowhere = np.asarray(~finite.all(axis=1))
             origins = np.where(nowhere[:, None], 0.0, origins)
             object.__setattr__(self, "ranges", np.where(nowhere, np.nan, self.ranges))
         object.__setattr__(self, "beam_origins", origins)

@@ -91,7 +91,7 @@ def beams_within(scans: Sequence[Scan], window: AngleWindow) -> tuple[list[Scan]
 
     Args:
         scans: of beams.
-        window: which azimuths count, in the sensor frame.
+        window: which azimuths count, in the sensor frame at the time of the beam.
 
     Returns:
         The scans, and how many beams each has lost, by the `id` of the new scan.
@@ -104,7 +104,8 @@ def beams_within(scans: Sequence[Scan], window: AngleWindow) -> tuple[list[Scan]
     for scan in scans:
         key = id(scan.directions)
         if key not in known:
-            within = _within(scan.directions, window)
+            own = scan.own_vectors
+            within = _within(scan.directions if own is None else own, window)
             known[key] = within, scan.directions[within]
         within, directions = known[key]
         times, origins = scan.beam_times_ns, scan.beam_origins
@@ -115,6 +116,8 @@ def beams_within(scans: Sequence[Scan], window: AngleWindow) -> tuple[list[Scan]
             beam_times_ns=None if times is None else times[within],
             beam_origins=None if origins is None else origins[within],
         )
+        if scan.own_vectors is not None:
+            object.__setattr__(part, "own_vectors", scan.own_vectors[within])
         kept.append(part)
         lost[id(part)] = scan.size - part.size
     return kept, lost

@@ -92,6 +92,13 @@ def cut_scans(
         scan.directions if scan.measured_points is None else scan.measured_points
         for scan in (finite[:1] if shared else finite)
     ]
+    joined = _joined(vectors, np.empty((0, d)))
+    told = joined
+    if any(scan.own_vectors is not None for scan in finite):
+        own = [scan.own_vectors for scan in finite]
+        told = _joined(
+            [v if o is None else o for v, o in zip(vectors, own, strict=True)], np.empty((0, d))
+        )
     counts = np.zeros(REASONS, np.int64)
     ends = np.empty((starts[-1], d))
     half_width = shape.half_width
@@ -101,7 +108,8 @@ def cut_scans(
     offsets = np.empty(len(starts), np.int64)
     cut_beams(
         _joined([scan.ranges for scan in finite], np.empty(0)),
-        _joined(vectors, np.empty((0, d))),
+        joined,
+        told,
         shared,
         np.repeat(np.array(measured, np.bool_), bundles.per_scan),
         starts,
@@ -160,7 +168,7 @@ class _Bundles(NamedTuple):
     rotations: FloatArray
     """map_from_sensor, shape (bundles, d, d)."""
     shifts: FloatArray
-    """Where they start in the sensor frame [m], shape (bundles, d)."""
+    """Where they start in the frame that the robot's body is told in [m], shape (bundles, d)."""
     sizes: IntArray
     """Beams of each, shape (bundles,)."""
     per_scan: IntArray
@@ -188,11 +196,17 @@ def _bundles_of(scans: Sequence[Scan], d: int) -> _Bundles:
         sizes = np.array([scan.size for scan in scans], np.int64)
         per_scan = np.ones(len(scans), np.int64)
         return _Bundles(origins, rotations, np.zeros_like(origins), sizes, per_scan)
-    places, ends = [], []
+    places, shifts, ends = [], [], []
     for scan in scans:
         own = np.zeros((1, d)) if scan.beam_origins is None else scan.beam_origins
-        first = np.flatnonzero(np.append(True, (own[1:] != own[:-1]).any(axis=1))[: len(own)])
+        moved = np.zeros(len(own), np.bool_)
+        moved[:1] = True
+        for axis in range(d):  # not .any(axis=1), which takes ten times as long
+            moved[1:] |= own[1:, axis] != own[:-1, axis]
+        first = np.flatnonzero(moved)
         places.append(own[first])
+        # Beams that are told from where the sensor was are not shifted: see `Scan.own_vectors`.
+        shifts.append(own[first] if scan.own_vectors is None else np.zeros((len(first), d)))
         ends.append(np.diff(np.append(first, scan.size)))
     per_scan = np.array([len(own) for own in places], np.int64)
     return _Bundles(
@@ -200,7 +214,7 @@ def _bundles_of(scans: Sequence[Scan], d: int) -> _Bundles:
             [s.map_from_sensor.transform(own) for s, own in zip(scans, places, strict=True)]
         ),
         np.repeat(rotations, per_scan, axis=0),
-        np.concatenate(places),
+        np.concatenate(shifts),
         np.concatenate(ends).astype(np.int64),
         per_scan,
     )

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,7 +27,7 @@ class Lidar3D:
 
     A beam reads the distance to the first surface plus Gaussian noise of `sigma`; +Inf where that
     surface is at `range_max` or beyond, or the noise takes the reading there. No reading is below
-    1 mm: shorter ones become 1 mm. A scan is taken at once: the sensor does not move during it.
+    1 mm: shorter ones become 1 mm. A `scan` is taken at once, a `sweep` while the sensor moves.
 
     Args:
         ring_count: rings; ring 0 is the highest.
@@ -98,6 +99,55 @@ class Lidar3D:
             seen = np.isfinite(ranges)
             return Scan(pose, self.directions[seen], ranges[seen], stamp_ns)
         return Scan(pose, self.directions, ranges, stamp_ns)
+
+    def sweep(
+        self,
+        world: World3D,
+        poses: Sequence[Pose3],
+        rng: np.random.Generator,
+        *,
+        stamp_ns: int = 0,
+        column_ns: int = 100_000,
+    ) -> Scan:
+        """Take one scan while the sensor moves: column after column, each from its own pose.
+
+        What comes out is what a driver hands on: readings along the beams of the sensor, the pose
+        at the stamp, which is that of the first column, and the time of each beam.
+
+        Args:
+            world: what stands where, in the map frame.
+            poses: of the sensor in the map frame, one for each column.
+            rng: where the chance comes from.
+            stamp_ns: time of the first column [ns].
+            column_ns: from one column to the next [ns].
+
+        Returns:
+            The scan, ranges [m], ring by ring, +Inf = no return, with `beam_times_ns`.
+
+        Raises:
+            InputError: another count of poses, or one that no sensor can have.
+        """
+        if len(poses) != self.column_count:
+            raise InputError(
+                f"Lidar3D.sweep: one pose for each of {self.column_count} columns, got {len(poses)}"
+            )
+        by_columns = self.directions.reshape(self.ring_count, self.column_count, 3)
+        ranges = np.empty((self.ring_count, self.column_count))
+        for column, pose in enumerate(poses):
+            check_pose("Lidar3D.sweep", world, pose)
+            directions = by_columns[:, column] @ pose.rotation.T
+            ranges[:, column] = world.cast(pose.translation, directions, reach=self.range_max)
+        noise = self.sigma * rng.standard_normal(ranges.shape)
+        ranges = np.where(ranges < self.range_max, ranges + noise, np.inf)
+        ranges[ranges >= self.range_max] = np.inf
+        times = np.tile(stamp_ns + column_ns * np.arange(self.column_count), self.ring_count)
+        return Scan(
+            poses[0],
+            self.directions,
+            np.maximum(ranges, _SHORTEST).ravel(),
+            stamp_ns,
+            beam_times_ns=times,
+        )
 
 
 def check_pose(who: str, world: World3D, pose: Pose3) -> None:

@@ -18,7 +18,7 @@ import oddsmap.integrate.block_window
 import oddsmap.integrate.rays3d
 from oddsmap.evidence_map import EvidenceMap
 from oddsmap.integrate.block_window import BlockWindow
-from oddsmap.kernels.vote.rays3d import BIN_COUNT, sort_rays
+from oddsmap.kernels.vote.rays3d import BIN_COLUMNS, BIN_COUNT, sort_rays
 from oddsmap.poses.pose import Pose3
 from oddsmap.scans.measurement import ranges_of
 from oddsmap.scans.scan import Scan
@@ -242,8 +242,8 @@ def test_a_hair_before_a_border_is_before_it(axis: int) -> None:
 def test_rays_of_next_to_no_length(end: Point) -> None:
     """Of which 1 / length is infinite."""
     origin: Point = (0.0, 0.0, 0.0)
-    bins, spans = np.zeros(1, np.int32), np.zeros((BIN_COUNT, 4))
-    sort_rays(np.array(origin), np.array([end]), bins, spans)
+    bins, spans = np.zeros(1, np.int32), np.zeros((BIN_COUNT, BIN_COLUMNS))
+    sort_rays(np.array([origin]), np.zeros(1, np.int64), np.array([end]), bins, spans)
     assert (np.abs(spans[bins[0]]) <= 1.0).all()
     for votes in ("scan", "beam"):
         evidence = EvidenceMap(1.0, ndim=3, votes=votes)

@@ -57,6 +57,7 @@ class ScanCells(NamedTuple):
 def cut_beams(
     ranges: FloatArray,
     vectors: FloatArray,
+    told: FloatArray,
     shared: bool,
     measured: npt.NDArray[np.bool_],
     starts: npt.NDArray[np.int64],
@@ -81,13 +82,14 @@ def cut_beams(
         ranges: all readings [m], shape (n,).
         vectors: unit vectors along the beams in the sensor frame, or where they end [m], shape
             (n, d), or one bundle's if `shared`.
+        told: the same in the frame that the body is told in, the sensor's at the time of a beam.
         shared: True where every bundle has the same vectors.
         measured: True where a bundle's vectors are the points that the sensor gave, shape
             (bundles,): a range times a unit vector is rounded, and may miss a border of cells.
         starts: first beam of each bundle and the end, shape (bundles + 1,).
         origins: where bundles start [m], shape (bundles, d).
         rotations: map_from_sensor, shape (bundles, d, d).
-        shifts: where bundles start in the sensor frame [m], shape (bundles, d).
+        shifts: where bundles start in the frame of `told` [m], shape (bundles, d).
         limits: see `judge`.
         half_width: half the length of the occupied region [m].
         fade: the way before that region over which passes fade [m].
@@ -157,7 +159,9 @@ def cut_beams(
                 # Filters say what may mark, never what may clear.
                 way = reach / length
                 z = oz + rz * way
-                bx, by, bz = sx + dx * way, sy + dy * way, sz + dz * way
+                tx, ty = told[i - start, 0], told[i - start, 1]
+                tz = told[i - start, 2] if in_3d else 0.0
+                bx, by, bz = sx + tx * way, sy + ty * way, sz + tz * way
                 if (
                     body[0, 0] <= bx <= body[1, 0]
                     and body[0, 1] <= by <= body[1, 1]

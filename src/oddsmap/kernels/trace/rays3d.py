@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import inlined
 
-__all__ = ["COLUMNS", "RAYS", "X", "Y", "Z", "emit_ray", "ray_axis", "set_up"]
+__all__ = ["COLUMNS", "FIRST", "RAYS", "emit_ray", "put_ray", "ray_axis", "set_up"]
 
 TOUCH = 2.0**-28
 
@@ -31,7 +31,9 @@ RAYS = 64
 """How many rays a table holds. A table is one row of columns of this length: at places that are
 known when it is compiled, or the loop over rays would not vectorise."""
 X, Y, Z = 0 * RAYS, 1 * RAYS, 2 * RAYS
-"""End points [cells], the input of `set_up`; its results follow."""
+"""End points [cells]: they and the start points are the input of `set_up`; its results follow."""
+X0, Y0, Z0 = 20 * RAYS, 21 * RAYS, 22 * RAYS
+"""Start points."""
 AXIS = 3 * RAYS
 """The dominant axis a: 0, 1 or 2."""
 STEP = 4 * RAYS
@@ -55,7 +57,7 @@ TAIL = 16 * RAYS
 """Codes of the three cells of the last slab."""
 LISTED = 19 * RAYS
 """1 where there are any, else 0."""
-COLUMNS = 20
+COLUMNS = 23
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -84,20 +86,29 @@ def _part(cell: float, near: float, block: float, blocks_a_cell: float) -> float
 
 
 @inlined
-def set_up(
-    origin: FloatArray, lo: IntArray, bits: int, blocks: IntArray, table: FloatArray, count: int
+def put_ray(
+    table: FloatArray, ray: np.uint64, origins: FloatArray, bundle: int, ends: FloatArray, i: int
 ) -> None:
-    """Describe rays from one point to many.
+    """Put a ray into a table: from the origin of its bundle to its end [cells]."""
+    table[X0 + ray] = origins[bundle, 0]
+    table[Y0 + ray] = origins[bundle, 1]
+    table[Z0 + ray] = origins[bundle, 2]
+    table[X + ray], table[Y + ray], table[Z + ray] = ends[i, 0], ends[i, 1], ends[i, 2]
+
+
+@inlined
+def set_up(lo: IntArray, bits: int, blocks: IntArray, table: FloatArray, count: int) -> None:
+    """Describe rays.
 
     All in double precision, which holds cells and their codes exactly.
 
     Args:
-        origin: start point [cells], shape (3,).
         lo: first cell of the window, shape (3,); every cell of the rays and one more around it
             lie above.
         bits: log2 of the side of a block.
         blocks: how far apart blocks are along each axis in the window, in blocks, shape (3,).
-        table: X, Y and Z are given, the other columns are filled, shape (COLUMNS * RAYS,).
+        table: start and end points are given, see `put_ray`, the other columns are filled, shape
+            (COLUMNS * RAYS,).
         count: how many rays, at most RAYS.
     """
     side = float(1 << bits)
@@ -107,11 +118,12 @@ def set_up(
     x_block = float(blocks[0]) * cells - x_near * side
     y_block = float(blocks[1]) * cells - y_near * side
     z_block = float(blocks[2]) * cells - z_near * side
-    x0, y0, z0 = origin[0], origin[1], origin[2]
-    x_zero, y_zero, z_zero = np.rint(x0), np.rint(y0), np.rint(z0)
-    x_in, y_in, z_in = x_zero - float(lo[0]), y_zero - float(lo[1]), z_zero - float(lo[2])
+    x_lo, y_lo, z_lo = float(lo[0]), float(lo[1]), float(lo[2])
     for j in range(count):
         ray = np.uint64(j)
+        x0, y0, z0 = table[X0 + ray], table[Y0 + ray], table[Z0 + ray]
+        x_zero, y_zero, z_zero = np.rint(x0), np.rint(y0), np.rint(z0)
+        x_in, y_in, z_in = x_zero - x_lo, y_zero - y_lo, z_zero - z_lo
         x1, y1, z1 = table[X + ray], table[Y + ray], table[Z + ray]
         ax, ay, az = abs(x1 - x0), abs(y1 - y0), abs(z1 - z0)
         by_x = (ax >= ay) & (ax >= az)

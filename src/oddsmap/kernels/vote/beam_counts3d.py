@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing, inlined, kernel
-from oddsmap.kernels.trace.rays3d import RAYS, X, Y, Z, emit_ray, set_up
+from oddsmap.kernels.trace.rays3d import RAYS, emit_ray, put_ray, set_up
 from oddsmap.kernels.units import FRACTION_BITS, HITS, PASSES
 from oddsmap.kernels.vote.block_table import slot_of
 from oddsmap.kernels.vote.tiles import (
@@ -36,7 +36,8 @@ Counts = npt.NDArray[np.uint16]
 
 @borrowing
 def count_rays(
-    origin: FloatArray,
+    origins: FloatArray,
+    whose: IntArray,
     ends: FloatArray,
     hit: npt.NDArray[np.bool_],
     lo: IntArray,
@@ -52,7 +53,8 @@ def count_rays(
     """Count the rays that pass and hit each cell.
 
     Args:
-        origin: start point [cells], shape (3,).
+        origins: where bundles start [cells], shape (bundles, 3).
+        whose: the bundle of each ray, shape (n,).
         ends: end points [cells], shape (n, 3). No cell may be counted more than 65,535 times
             before `apply_beams`.
         hit: False where a ray only clears, shape (n,).
@@ -73,9 +75,8 @@ def count_rays(
     for begin in range(first, ends.shape[0], RAYS):
         many = min(RAYS, ends.shape[0] - begin)
         for j in range(many):
-            i, ray = begin + j, np.uint64(j)
-            rays[X + ray], rays[Y + ray], rays[Z + ray] = ends[i, 0], ends[i, 1], ends[i, 2]
-        set_up(origin, lo, bits, blocks, rays, many)
+            put_ray(rays, np.uint64(j), origins, whose[begin + j], ends, begin + j)
+        set_up(lo, bits, blocks, rays, many)
         at = 0
         while at < many:
             slabs, ray = 0, at

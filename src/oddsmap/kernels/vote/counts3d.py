@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing
 from oddsmap.kernels.trace.hit_region import BeamShape, fade_cells, zone_cells
-from oddsmap.kernels.trace.rays3d import RAYS, X, Y, Z, emit_ray, set_up
+from oddsmap.kernels.trace.rays3d import RAYS, emit_ray, put_ray, set_up
 from oddsmap.kernels.units import HITS, ONE, PASSES
 from oddsmap.kernels.vote.block_table import slot_of
 
@@ -24,7 +24,8 @@ IntArray = npt.NDArray[np.int64]
 
 @borrowing
 def count_scan(
-    origin: FloatArray,
+    origins: FloatArray,
+    whose: IntArray,
     fades: FloatArray,
     ends: FloatArray,
     tips: FloatArray,
@@ -47,7 +48,8 @@ def count_scan(
     """Weigh the cells that the rays of one scan pass and hit, in units of 1/65536 vote.
 
     Args:
-        origin: start point [cells], shape (3,).
+        origins: where bundles start [cells], shape (bundles, 3).
+        whose: the bundle of each ray, shape (n,).
         fades: where the passes of each ray begin to fade [cells], shape (n, 3).
         ends: where its free part ends, shape (n, 3).
         tips: where its occupied part ends, shape (n, 3).
@@ -77,13 +79,8 @@ def count_scan(
     for begin in range(first, ends.shape[0], RAYS):
         many = min(RAYS, ends.shape[0] - begin)
         for j in range(many):
-            place = np.uint64(j)
-            rays[X + place], rays[Y + place], rays[Z + place] = (
-                fades[begin + j, 0],
-                fades[begin + j, 1],
-                fades[begin + j, 2],
-            )
-        set_up(origin, lo, bits, blocks, rays, many)
+            put_ray(rays, np.uint64(j), origins, whose[begin + j], fades, begin + j)
+        set_up(lo, bits, blocks, rays, many)
         for j in range(many):
             i = begin + j
             if used[0] + 3 * buffer.shape[1] + 2 * zone.shape[0] > room:
@@ -101,7 +98,7 @@ def count_scan(
                     weights[PASSES, at] = weights[PASSES, at] + ONE if every_beam else ONE
             if shape.fade > 0.0:
                 count = fade_cells(
-                    origin, fades, ends, i, shape.fade, zone, zone_left, zone_weights
+                    origins[whose[i]], fades, ends, i, shape.fade, zone, zone_left, zone_weights
                 )
                 _add_cells(
                     zone, zone_weights, count, PASSES, lo, bits, blocks, every_beam,

@@ -21,7 +21,8 @@ IntArray = npt.NDArray[np.int64]
 
 @borrowing
 def gather_lengths(
-    origin: FloatArray,
+    origins: FloatArray,
+    whose: IntArray,
     ends: FloatArray,
     first: int,
     lo: IntArray,
@@ -38,7 +39,8 @@ def gather_lengths(
     """Add the lengths of one scan's beams to a window, each rounded to 1/65536 of a cell's side.
 
     Args:
-        origin: the sensor [cells], shape (d,).
+        origins: where bundles of beams start [cells], shape (bundles, d).
+        whose: the bundle of each beam, shape (n,).
         ends: where each beam ends, shape (n, d).
         first: which beam to begin with.
         lo: first cell of the window, see `gather_cells`.
@@ -55,8 +57,9 @@ def gather_lengths(
     Returns:
         Which beam to go on with once there is room for more blocks; -1 when done.
     """
-    d = origin.shape[0]
+    d = origins.shape[1]
     for i in range(first, ends.shape[0]):
+        origin = origins[whose[i]]
         count = walk(origin, ends[i], cells, left)
         if used[0] + count > used.shape[0] - 1:
             return i

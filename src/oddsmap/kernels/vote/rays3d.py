@@ -14,12 +14,20 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing, inlined, kernel
-from oddsmap.kernels.trace.rays3d import RAYS, X, Y, Z, emit_ray, ray_axis, set_up
+from oddsmap.kernels.trace.rays3d import FIRST, RAYS, emit_ray, put_ray, ray_axis, set_up
 from oddsmap.kernels.units import HITS, PASSES
 from oddsmap.kernels.vote.block_table import slot_of
 from oddsmap.kernels.vote.tiles import TileArrays, find_or_insert, make_room_for_vote
 
-__all__ = ["BIN_COUNT", "SLABS", "apply_marks", "mark_hits", "mark_passes", "sort_rays"]
+__all__ = [
+    "BIN_COLUMNS",
+    "BIN_COUNT",
+    "SLABS",
+    "apply_marks",
+    "mark_hits",
+    "mark_passes",
+    "sort_rays",
+]
 
 FREE, OCCUPIED = 1, 2
 
@@ -33,6 +41,10 @@ LEVELS = 3
 """Each level has twice as many bins per side as the one before."""
 FINE = COARSE << (LEVELS - 1)
 BIN_COUNT = sum(6 * (COARSE << level) ** 2 for level in range(LEVELS))
+BIN_COLUMNS = 11
+"""What is known of the rays of a bin: lowest and highest slope along b and c, lowest corner of
+their start points and highest one, and the cell of their first slab."""
+START, HIGHEST_START, FIRST_SLAB = 4, 7, 10
 SLABS = 1024
 """About how many slabs are listed before their cells are marked."""
 STRIDE = 17
@@ -46,7 +58,11 @@ LAST_OF_ROUND = np.array([part[-1] for part in ROUNDS[:-1]], np.int64)
 
 @borrowing
 def sort_rays(
-    origin: FloatArray, ends: FloatArray, bins: npt.NDArray[np.int32], spans: FloatArray
+    origins: FloatArray,
+    whose: IntArray,
+    ends: FloatArray,
+    bins: npt.NDArray[np.int32],
+    spans: FloatArray,
 ) -> None:
     """Sort the rays of a scan into bins of directions, on several levels.
 
@@ -54,19 +70,23 @@ def sort_rays(
     face = 2 * dominant axis, + 1 where the ray falls along it; the levels follow each other.
 
     Args:
-        origin: start point [cells], shape (3,).
+        origins: where bundles start [cells], shape (bundles, 3).
+        whose: the bundle of each ray, shape (n,).
         ends: end points [cells], shape (n, 3).
         bins: takes the bin of each ray on the finest level, shape (n,).
-        spans: takes the extreme slopes of the rays of each bin, shape (BIN_COUNT, 4): lowest
-            and highest b, lowest and highest c. A bin without rays has lowest > highest.
+        spans: takes what is known of the rays of each bin, shape (BIN_COUNT, BIN_COLUMNS). A bin
+            without rays has a lowest slope above the highest.
     """
     finest = BIN_COUNT - 6 * FINE * FINE
-    spans[:, 0] = 2.0
-    spans[:, 1] = -2.0
-    spans[:, 2] = 2.0
-    spans[:, 3] = -2.0
+    several = origins.shape[0] > 1
+    for at in range(BIN_COUNT):
+        spans[at, 0], spans[at, 1], spans[at, 2], spans[at, 3] = 2.0, -2.0, 2.0, -2.0
+        for axis in range(3):
+            spans[at, START + axis] = np.inf if several else origins[0, axis]
+            spans[at, HIGHEST_START + axis] = -np.inf if several else origins[0, axis]
     for i in range(ends.shape[0]):
-        dx, dy, dz = ends[i, 0] - origin[0], ends[i, 1] - origin[1], ends[i, 2] - origin[2]
+        ox, oy, oz = origins[whose[i], 0], origins[whose[i], 1], origins[whose[i], 2]
+        dx, dy, dz = ends[i, 0] - ox, ends[i, 1] - oy, ends[i, 2] - oz
         axis = ray_axis(dx, dy, dz)
         da, db, dc = (dx, dy, dz) if axis == 0 else ((dy, dz, dx) if axis == 1 else (dz, dx, dy))
         # Not times 1 / da, which is infinite where da is next to nothing.
@@ -80,12 +100,29 @@ def sort_rays(
         spans[at, 1] = max(spans[at, 1], p)
         spans[at, 2] = min(spans[at, 2], q)
         spans[at, 3] = max(spans[at, 3], q)
+        if several:
+            spans[at, START] = min(spans[at, START], ox)
+            spans[at, START + 1] = min(spans[at, START + 1], oy)
+            spans[at, START + 2] = min(spans[at, START + 2], oz)
+            spans[at, HIGHEST_START] = max(spans[at, HIGHEST_START], ox)
+            spans[at, HIGHEST_START + 1] = max(spans[at, HIGHEST_START + 1], oy)
+            spans[at, HIGHEST_START + 2] = max(spans[at, HIGHEST_START + 2], oz)
     for at in range(BIN_COUNT - 1, 6 * COARSE * COARSE - 1, -1):
         parent = BIN_TREE[at, 0]
         spans[parent, 0] = min(spans[parent, 0], spans[at, 0])
         spans[parent, 1] = max(spans[parent, 1], spans[at, 1])
         spans[parent, 2] = min(spans[parent, 2], spans[at, 2])
         spans[parent, 3] = max(spans[parent, 3], spans[at, 3])
+        for axis in range(3):
+            low, high = START + axis, HIGHEST_START + axis
+            spans[parent, low] = min(spans[parent, low], spans[at, low])
+            spans[parent, high] = max(spans[parent, high], spans[at, high])
+    for at in range(BIN_COUNT):
+        a, falls = BIN_TREE[at, 1] // 2, BIN_TREE[at, 1] & 1
+        if falls:
+            spans[at, FIRST_SLAB] = np.ceil(spans[at, HIGHEST_START + a]) - 1.0
+        else:
+            spans[at, FIRST_SLAB] = np.floor(spans[at, START + a])
 
 
 def _bin_tree() -> IntArray:
@@ -161,7 +198,8 @@ def _mark_passes(
 
 @borrowing
 def mark_passes(
-    origin: FloatArray,
+    origins: FloatArray,
+    whose: IntArray,
     ends: FloatArray,
     lo: IntArray,
     bits: int,
@@ -177,17 +215,19 @@ def mark_passes(
     skips: bool,
     first: int,
 ) -> int:
-    """Mark the cells that the rays of one bundle pass.
+    """Mark the cells that the rays of a scan pass.
 
     Args:
-        origin: start point [cells], shape (3,).
+        origins: where bundles start [cells], shape (bundles, 3).
+        whose: the bundle of each ray, shape (n,).
         ends: end points [cells], shape (n, 3).
         lo: first cell of the window, a multiple of the block's side.
         bits: log2 of the side of a block.
         blocks: strides of the window's blocks: 1, blocks along x, blocks along x and y.
         bins: from `sort_rays`.
         spans: from `sort_rays`.
-        done: zeros at the first call, shape (bins,): leading slabs known to be marked.
+        done: zeros at the first call, shape (bins,): leading slabs known to be marked, counted
+            from the first slab of any ray of the bin.
         rays: room to describe some, shape (COLUMNS * RAYS,).
         buffer: room for their cells, shape (3, SLABS + those of one ray + 9).
         table: zeros, one for each block of the window.
@@ -202,6 +242,7 @@ def mark_passes(
     """
     count = ends.shape[0]
     room = used.shape[0] - 1
+    several = origins.shape[0] > 1
     before = 0
     for begin in ORDER:
         n = (count - begin + STRIDE - 1) // STRIDE
@@ -213,13 +254,17 @@ def mark_passes(
                 continue
             for j in range(many):
                 i, ray = begin + (batch + j) * STRIDE, np.uint64(j)
-                rays[X + ray], rays[Y + ray], rays[Z + ray] = ends[i, 0], ends[i, 1], ends[i, 2]
-            set_up(origin, lo, bits, blocks, rays, many)
+                put_ray(rays, ray, origins, whose[i], ends, i)
+            set_up(lo, bits, blocks, rays, many)
             while at < many:
                 # Many rays at a time, too: a loop's end is a branch that is guessed wrong.
                 slabs, ray = 0, at
                 while ray < many and slabs < SLABS:
-                    skip = done[bins[begin + (batch + ray) * STRIDE]] if skips else 0
+                    own = bins[begin + (batch + ray) * STRIDE] if skips else 0
+                    skip = done[own] if skips else 0
+                    if skip > 0 and several:  # of which some start further on than others
+                        start = rays[FIRST + np.uint64(ray)] + lo[BIN_TREE[own, 1] // 2]
+                        skip = max(0, skip - np.int64(abs(start - spans[own, FIRST_SLAB])))
                     slabs = emit_ray(rays, ray, skip, bits, blocks, buffer, slabs)
                     ray += 1
                 if used[0] + 3 * slabs > room:
@@ -227,13 +272,12 @@ def mark_passes(
                 at = ray
                 _mark_passes(buffer, slabs, np.uint64(3 * bits), table, used, marks)
         if skips and before > first and begin in LAST_OF_ROUND:
-            _advance(origin, lo, bits, blocks, spans, done, table, marks)
+            _advance(lo, bits, blocks, spans, done, table, marks)
     return -1
 
 
 @borrowing
 def _advance(
-    origin: FloatArray,
     lo: IntArray,
     bits: int,
     blocks: IntArray,
@@ -254,8 +298,9 @@ def _advance(
             continue
         parent = BIN_TREE[at, 0]
         if parent >= 0:
-            done[at] = max(done[at], done[parent])
-        done[at] = _marked_slabs(at, done[at], spans, origin, lo, bits, blocks, table, marks)
+            ahead = np.int32(abs(spans[at, FIRST_SLAB] - spans[parent, FIRST_SLAB]))
+            done[at] = max(done[at], done[parent] - ahead)
+        done[at] = _marked_slabs(at, done[at], spans, lo, bits, blocks, table, marks)
 
 
 @borrowing
@@ -263,7 +308,6 @@ def _marked_slabs(
     at: int,
     slab: int,
     spans: FloatArray,
-    origin: FloatArray,
     lo: IntArray,
     bits: int,
     blocks: IntArray,
@@ -277,25 +321,31 @@ def _marked_slabs(
     a = face // 2
     b = a + 1 if a < 2 else 0
     c = b + 1 if b < 2 else 0
-    a0, b0, c0 = origin[a] - lo[a], origin[b] - lo[b], origin[c] - lo[c]
+    # The box that the rays start in: a point, or where the sensor was meanwhile.
+    a0, a1 = spans[at, START + a], spans[at, HIGHEST_START + a]
+    b0, b1 = spans[at, START + b] - lo[b], spans[at, HIGHEST_START + b] - lo[b]
+    c0, c1 = spans[at, START + c] - lo[c], spans[at, HIGHEST_START + c] - lo[c]
+    first = np.int64(spans[at, FIRST_SLAB]) - lo[a]
     if face & 1:
-        step, first = -1, np.int64(math.ceil(origin[a])) - 1 - lo[a]
-        to_border = a0 - first
+        step = -1
+        to_border = a1 - spans[at, FIRST_SLAB]
     else:
-        step, first = 1, np.int64(math.floor(origin[a])) - lo[a]
-        to_border = first + 1 - a0
+        step = 1
+        to_border = spans[at, FIRST_SLAB] + 1.0 - a0
+    length = a1 - a0
     p_lo, p_hi, q_lo, q_hi = spans[at, 0], spans[at, 1], spans[at, 2], spans[at, 3]
     a_block, b_block, c_block = blocks[a], blocks[b], blocks[c]
     a_place, b_place, c_place = bits * a, bits * b, bits * c
     blocks_there = table.shape[0]
     while True:
-        # From the near border (the start, in slab 0) to the far one, for all slopes of the bin.
+        # From the near border (the start, in slab 0) to the far one, for all slopes of the bin and
+        # all start points.
         far = to_border + slab
-        near = max(far - 1.0, 0.0)
+        near = max(far - 1.0 - length, 0.0)
         b_lo = np.int64(b0 + p_lo * (far if p_lo < 0 else near) - 1e-6)
-        b_hi = np.int64(b0 + p_hi * (far if p_hi > 0 else near) + 1e-6)
+        b_hi = np.int64(b1 + p_hi * (far if p_hi > 0 else near) + 1e-6)
         c_lo = np.int64(c0 + q_lo * (far if q_lo < 0 else near) - 1e-6)
-        c_hi = np.int64(c0 + q_hi * (far if q_hi > 0 else near) + 1e-6)
+        c_hi = np.int64(c1 + q_hi * (far if q_hi > 0 else near) + 1e-6)
         cell_a = first + step * slab
         a_part = (cell_a >> bits) * a_block
         a_within = (cell_a & mask) << a_place
