@@ -229,10 +229,10 @@ def test_clouds_with_packed_points_and_a_pose_of_their_own(tmp_path: Path) -> No
         assert isinstance(at_once, Scan)
         assert scan.beam_origins is not None
         ends = scan.directions * scan.ranges[:, None]
-        moved = scan.map_from_sensor.transform(scan.beam_origins + ends)
+        apart = scan.map_from_sensor.transform(scan.beam_origins + ends)
         still = at_once.map_from_sensor.transform(at_once.directions * at_once.ranges[:, None])
         way = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]])
-        np.testing.assert_allclose(moved, np.add(still, way), atol=1e-12)
+        np.testing.assert_allclose(apart, still + way, atol=1e-12)
 
 
 def test_scans_with_poses_of_their_own_need_no_others(tmp_path: Path) -> None:
