@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from oddsmap.array_types import FloatArray
+from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.doctor.prediction import Placed, information
 from oddsmap.plausibility.sample import Glance
 from oddsmap.poses.pose import Pose, Pose2, Pose3
@@ -163,9 +163,7 @@ def _scaled(pose: Pose, scale: float) -> Pose:
     return Pose3(pose.rotation, pose.translation * scale)
 
 
-def _comparable(
-    before: Sequence[Placed], after: Sequence[Placed], unit: float
-) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _comparable(before: Sequence[Placed], after: Sequence[Placed], unit: float) -> BoolArray:
     """Which scans of a place can be compared, by how far they are from the first."""
     one, other = _motion(before) / unit, _motion(after) / unit
     near, far = np.minimum(one, other), np.maximum(one, other)
@@ -175,7 +173,7 @@ def _comparable(
     grows = (other > _OTHER_UNIT * one) & (other > _OVERLAP) & (other < _NEVER)
     alike = (far <= _ALIKE * near) & (far <= _STILL_SEEN)
     absurd = (far > _ABSURD) & (near <= _MAYBE_SEEN)
-    chosen: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    chosen: BoolArray
     chosen = alike | absurd | (near <= _OVERLAP) & ~shrinks & ~grows
     return chosen
 
@@ -184,7 +182,5 @@ def _motion(placed: Sequence[Placed]) -> FloatArray:
     return np.array([float(np.linalg.norm(scan.pose.translation)) for scan in placed])
 
 
-def _some(
-    placed: Sequence[Placed], chosen: np.ndarray[tuple[int], np.dtype[np.bool_]]
-) -> list[Placed]:
+def _some(placed: Sequence[Placed], chosen: BoolArray) -> list[Placed]:
     return [scan for scan, keep in zip(placed, chosen, strict=True) if keep]
