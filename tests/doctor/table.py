@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Faults put into real logs, and what the doctor says: `python -m tests.doctor.table [LOG...]`.
 
-A line a log and fault: "yes" where it is named and nothing else is, else what is named in its place,
-and "-" where there is no such fault. First comes the log as it is; what is said of it then (stamps of
-CARMEN logs that are all the same, which is right) is left out of the rest.
+A line a log and fault: "yes" where it is named and nothing else is, else what is named in its
+place, and "-" where there is no such fault. First comes the log as it is; what is said of it then
+(stamps of CARMEN logs that are all the same, which is right) is left out of the rest.
 """
 
 from __future__ import annotations
