@@ -14,7 +14,7 @@ from oddsmap.recordings.pose_choice import PoseChoices, choose_poses
 from oddsmap.recordings.poses import SensorPoses, TransformPoses
 from oddsmap.recordings.recorded_log import RecordedLog, lies_flat
 from oddsmap.recordings.recording import Recording
-from oddsmap.recordings.survey import Glance, Survey, cameras_of, said_of, survey
+from oddsmap.recordings.survey import Glance, Survey, cameras_of, doubts_of_clocks, said_of, survey
 from oddsmap.scans.beam_timing import choose_deskew
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.note import Note
@@ -111,6 +111,8 @@ def log_of(recording: Recording, choices: Choices, found: Survey | None = None) 
     notes += [
         Note(text, code="transform.conflict", severity="warning") for text in found.tree.doubts()
     ]
+    if isinstance(where, TransformPoses) and not choices.clock_offset_ns:
+        notes += doubts_of_clocks(found)
     flat = all(lies_flat(glance.shape, pose) for glance, pose in seen)
     shapes = {glance.shape for glance in glances}
     if not flat and shapes <= {"fan", "cone"}:

@@ -7,12 +7,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.recordings.beams import Beams
 from oddsmap.recordings.depth_messages import camera_of, intrinsics_topic
 from oddsmap.recordings.poses import TF_TYPES, add_transforms
-from oddsmap.recordings.recording import Message, Recording, Topic
+from oddsmap.recordings.recording import Message, Recording, Topic, stamp_of
 from oddsmap.recordings.scan_messages import IMAGE, RANGE, beams_of
 from oddsmap.recordings.transforms import TransformTree
 from oddsmap.scans.beam_timing import BeamTiming
@@ -20,10 +22,21 @@ from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.note import Note
 
-__all__ = ["Glance", "Survey", "cameras_of", "form_of", "said_of", "sensor_id", "survey"]
+__all__ = [
+    "Glance",
+    "Survey",
+    "cameras_of",
+    "doubts_of_clocks",
+    "form_of",
+    "said_of",
+    "sensor_id",
+    "survey",
+]
 
 # Scans of a topic looked at before mapping: whether the laser leans, whether there are poses.
 _GLANCES = 50
+# Scans take some tenths of a second from their stamp to the recorder, transforms none.
+_CLOCKS_APART_S = 0.7
 _INTRINSICS = "sensor_msgs/CameraInfo"
 
 
@@ -60,6 +73,7 @@ class Survey:
         intrinsics: the first message of each topic of intrinsics.
         notes: what to know, by topic.
         late_ns: how long after the stamps of their headers scans were written [ns], by topic.
+        moves_late_ns: the same of transforms, by link; those that never change have no time.
         timings: when the beams of each topic were taken.
         bad: the first scan of each topic that makes no sense, and why.
     """
@@ -71,6 +85,7 @@ class Survey:
     intrinsics: dict[str, Message] = field(default_factory=dict)
     notes: dict[str, list[Note]] = field(default_factory=dict)
     late_ns: dict[str, list[int]] = field(default_factory=dict)
+    moves_late_ns: dict[tuple[str, str], list[int]] = field(default_factory=dict)
     timings: dict[str, BeamTiming] = field(default_factory=dict)
     bad: dict[str, str] = field(default_factory=dict)
 
@@ -133,6 +148,10 @@ def survey(
             found.intrinsics.setdefault(name, message)
         elif name in others:
             add_transforms(found.tree, message)
+            for each in message.data.transforms:
+                link = (each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/"))
+                late = message.log_ns - stamp_of(each.header)
+                found.moves_late_ns.setdefault(link, []).append(late)
         else:
             if seen[name] % every[name] == 0:
                 try:
@@ -147,6 +166,29 @@ def survey(
                     timing.add(seen[name], beams.stamp_ns, beams.after_ns, message.log_ns)
             seen[name] += 1
     return found
+
+
+def doubts_of_clocks(found: Survey) -> list[Note]:
+    """Whether scans and transforms were stamped by clocks that differ, by when they were written.
+
+    Localisers date a transform ahead by up to a second: of the links the middle one counts.
+    """
+    moves = [
+        float(np.median(late))
+        for link, late in found.moves_late_ns.items()
+        if link in found.tree.links and found.tree.moves(*link)
+    ]
+    notes = []
+    for topic, late in found.late_ns.items():
+        apart = (float(np.median(late)) - float(np.median(moves))) / 1e9 if moves else 0.0
+        if abs(apart) > _CLOCKS_APART_S:
+            way = "behind" if apart > 0.0 else "ahead of"
+            text = (
+                f"{topic}: its stamps are {abs(apart):.3g} s {way} those of the transforms, by "
+                f"when both were written: of two clocks? If so, --clock-offset {apart:.3g}"
+            )
+            notes.append(Note(text, code="clock.header", severity="warning"))
+    return notes
 
 
 def _take(found: Survey, topic: str, beams: Beams, log_ns: int) -> None:
