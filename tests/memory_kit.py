@@ -206,6 +206,10 @@ def doubting(_: Path) -> Repeat:
     return partial(oddsmap.check_log, [*lidar()])
 
 
+def diagnosing(_: Path) -> Repeat:
+    return partial(oddsmap.diagnose, [*lidar()])
+
+
 def evaluating(_: Path) -> Repeat:
     p = np.random.default_rng(0).random((400, 400))
     return partial(oddsmap.evaluate, p, p > 0.4)

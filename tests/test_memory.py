@@ -62,6 +62,7 @@ WORKLOADS: dict[str, Workload] = {
     "score of a full map": kit.scoring(kit.full_map, kit.sonar, SONAR),
     "score of a view": kit.scoring(kit.view, lambda: kit.lidar()[:5], LIDAR),
     "doubts of a log": kit.doubting,
+    "diagnosis of a log": kit.diagnosing,
     "evaluation": kit.evaluating,
     "exact posterior": kit.exact,
     "views": files_kit.views,
