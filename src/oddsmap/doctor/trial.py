@@ -26,7 +26,7 @@ _CELLS = 1 / 40
 # Returns further than this are left out, in typical ranges, and so many kept of a scan.
 _FURTHEST, _RETURNS = 5.0, 300
 # At one place an alternative wins or loses by this factor, and by so many nats.
-_CLEARLY, _NATS = 1.15, 0.02
+_CLEARLY, _NATS = 1.15, 0.01
 # It is named where it wins at so many places, of those that it wins or loses, and of all.
 _FEWEST, _SHARE, _SHARE_OF_ALL = 5, 0.85, 1 / 3
 # And what it says of itself then, over all places, in relation and at least [nats per beam].
