@@ -98,7 +98,7 @@ def test_poses_of_a_file_and_scans_without_one(tmp_path: Path) -> None:
     log = log_of(tmp_path, rawlog(), poses=poses)
     assert len(log) == 3
     assert log.skipped == {"scan.no_pose": 1}
-    assert "1 scans were skipped, the first:" in log.notes[-1]
+    assert "1 scan was skipped:" in log.notes[-1]
 
 
 def test_what_is_not_known_is_named(tmp_path: Path) -> None:

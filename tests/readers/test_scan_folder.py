@@ -221,7 +221,7 @@ def test_one_broken_file_is_an_error_or_a_counted_skip(tmp_path: Path) -> None:
         assert [scan.ranges[0] for scan in log] == [1, 3]
         assert log.skipped == {"scan.unreadable": 1}
     assert len(log) == 3
-    assert log.notes[0].startswith("1 scans were skipped, the first: ")
+    assert log.notes[0].startswith("1 scan was skipped: ")
 
 
 def test_a_scan_is_read_when_it_is_asked_for(tmp_path: Path) -> None:

@@ -91,7 +91,7 @@ def test_scans_before_the_first_pose_are_counted(messages: Messages, tmp_path: P
     log = open_log(messages.write(tmp_path / "run", said))
     assert len(list(log)) == 20
     assert log.skipped == {"scan.no_pose": 1}
-    assert "1 scans were skipped, the first: /scan: " in log.notes[-1]
+    assert "1 scan was skipped: /scan: " in log.notes[-1]
 
 
 def test_the_map_is_odometry_and_says_so(messages: Messages, tmp_path: Path) -> None:

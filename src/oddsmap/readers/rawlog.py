@@ -23,7 +23,7 @@ from oddsmap.readers.rawlog_objects import (
     read_objects,
 )
 from oddsmap.scans.memory_log import LoadedLog
-from oddsmap.scans.note import Note
+from oddsmap.scans.note import Note, bad_scans
 from oddsmap.scans.scan import Scan
 
 __all__ = ["matches", "open_rawlog"]
@@ -60,8 +60,7 @@ def open_rawlog(source: Source, options: ReadOptions) -> LoadedLog:
     if not scans:
         raise InputError(f"{path}: no scan has a pose: {first}")
     if first:
-        text = f"{skipped['scan.no_pose']} scans were skipped, the first: {first}"
-        notes.append(Note(text, code="log.bad_scans", severity="warning"))
+        notes.append(bad_scans(skipped["scan.no_pose"], first))
     if not flat:
         notes.append(Note("the laser leans: it is mapped in 3D", code="laser.leans"))
     return LoadedLog(

@@ -25,7 +25,7 @@ from oddsmap.scans.beam_timing import left_out_note
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.deskew import deskew
 from oddsmap.scans.log import SensorInfo
-from oddsmap.scans.note import Note
+from oddsmap.scans.note import Note, bad_scans
 from oddsmap.scans.scan import Scan
 
 __all__ = ["RecordedLog", "lies_flat"]
@@ -148,8 +148,7 @@ class RecordedLog:
             found.append(left_out_note(left_out))
         if self._first:
             count = self._skipped.total() - left_out
-            text = f"{count} scans were skipped, the first: {self._first[0]}"
-            found.append(Note(text, code="log.bad_scans", severity="warning"))
+            found.append(bad_scans(count, self._first[0]))
         return tuple(found)
 
     def parts(self) -> list[RecordedLog]:

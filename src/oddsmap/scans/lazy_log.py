@@ -12,7 +12,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.log import SensorInfo
-from oddsmap.scans.note import Note
+from oddsmap.scans.note import Note, bad_scans
 from oddsmap.scans.scan import Scan
 
 __all__ = ["DepthLog", "LazyLog"]
@@ -65,8 +65,7 @@ class LazyLog:
         if not self._bad:
             return notes
         first = self._bad[min(self._bad)]
-        text = f"{len(self._bad)} scans were skipped, the first: {first}"
-        return (*notes, Note(text, code="log.bad_scans", severity="warning"))
+        return (*notes, bad_scans(len(self._bad), first))
 
     @property
     def sensors(self) -> Mapping[str, SensorInfo]:

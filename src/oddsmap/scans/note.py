@@ -7,10 +7,21 @@ from typing import Literal, Self
 
 from oddsmap.errors import as_line
 
-__all__ = ["Note", "Severity"]
+__all__ = ["Note", "Severity", "bad_scans"]
 
 Severity = Literal["info", "warning"]
 """A warning names a doubt: something was assumed, left out or looks odd."""
+
+
+def bad_scans(count: int, first: object) -> Note:
+    """The warning of a log that had to skip scans.
+
+    Args:
+        count: how many.
+        first: what was wrong with the first of them.
+    """
+    scans = "1 scan was skipped" if count == 1 else f"{count} scans were skipped, the first"
+    return Note(f"{scans}: {first}", code="log.bad_scans", severity="warning")
 
 
 class Note(str):
