@@ -18,7 +18,7 @@ from tests.cli.conftest import Run
 
 COMMANDS = (
     "build", "export", "info", "doctor", "config", "calibrate", "score", "merge", "subtract",
-    "crop", "resample", "landmarks", "demo",
+    "crop", "compare", "resample", "landmarks", "demo",
 )  # fmt: skip
 CALLBACKS = {c.callback.__name__: c.callback for c in app.registered_commands if c.callback}
 OF_SETTINGS = ("build", "calibrate", "score")

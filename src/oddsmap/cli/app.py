@@ -13,6 +13,8 @@ from oddsmap.cli.build import build
 from oddsmap.cli.calibrate import HELP as CALIBRATE_HELP
 from oddsmap.cli.calibrate import calibrate
 from oddsmap.cli.command import Command
+from oddsmap.cli.compare import HELP as COMPARE_HELP
+from oddsmap.cli.compare import compare
 from oddsmap.cli.config import HELP as CONFIG_HELP
 from oddsmap.cli.config import config
 from oddsmap.cli.crop import HELP as CROP_HELP
@@ -55,7 +57,7 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
                                         rates and noise of a sensor
   oddsmap merge a.zarr b.zarr -o both.zarr
                                         maps added; also subtract,
-                                        crop, resample
+                                        crop, resample, compare
   oddsmap landmarks seen.csv -o trees.csv
                                         points in place of cells
 
@@ -79,6 +81,7 @@ for command, page in (
     (merge, MERGE_HELP),
     (subtract, SUBTRACT_HELP),
     (crop, CROP_HELP),
+    (compare, COMPARE_HELP),
     (resample, RESAMPLE_HELP),
     (landmarks, LANDMARKS_HELP),
     (demo, DEMO_HELP),

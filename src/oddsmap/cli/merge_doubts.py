@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from oddsmap.evidence.evidence import Evidence
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.scans.note import Note
 
@@ -62,7 +63,7 @@ def doubts_of_difference(total: EvidenceMap, less: EvidenceMap) -> Iterator[Note
         return
 
 
-def votes_differ(one: EvidenceMap, other: EvidenceMap) -> str | None:
+def votes_differ(one: Evidence, other: Evidence) -> str | None:
     """What to say where a cell of one map has more votes than one of the other by its making."""
     made = [_resampled_from(grid) for grid in (one, other)]
     if made[0] == made[1]:
@@ -77,7 +78,7 @@ def votes_differ(one: EvidenceMap, other: EvidenceMap) -> str | None:
     )
 
 
-def _resampled_from(grid: EvidenceMap) -> list[float]:
+def _resampled_from(grid: Evidence) -> list[float]:
     found = {entry["resampled_from"] for entry in grid.provenance if "resampled_from" in entry}
     return sorted(found)
 

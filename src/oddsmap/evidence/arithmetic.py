@@ -15,7 +15,7 @@ from oddsmap.evidence.tile_counts import retiled
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.units import HITS, ONE, PASSES
 
-__all__ = ["check_same_kind", "coarser", "difference", "factor_of", "merge_tiles"]
+__all__ = ["check_same_kind", "coarser", "difference", "factor_of", "how_to_match", "merge_tiles"]
 
 # Decimal fractions are rounded in binary: 0.15 is not three times 0.05 to the last bit.
 _SAME = 1e-9
@@ -51,12 +51,17 @@ def check_same_kind(mine: Config, theirs: Config, *, any_sensor: bool, done: str
         )
 
 
+def how_to_match(resolution: float, other: float) -> str:
+    """What to do with maps of two resolutions [m], so that their cells are the same."""
+    fine, coarse = sorted((resolution, other))
+    if _whole(coarse / fine):
+        return f"resample the finer one to {coarse:g} m first (it then has more votes a cell)"
+    return "neither is a whole multiple of the other: build one again at the other's"
+
+
 def _remedy(name: str, own: object, other: object) -> str:
     if name == "resolution" and isinstance(own, float) and isinstance(other, float):
-        fine, coarse = sorted((own, other))
-        if _whole(coarse / fine):
-            return f"resample the finer one to {coarse:g} m first (it then has more votes a cell)"
-        return "neither is a whole multiple of the other: build one again at the other's"
+        return how_to_match(own, other)
     if name == "t_ref_ns" and None not in (own, other):
         return (
             "build both with the later map.t_ref_ns, or take the earlier one there with rescaled, "
