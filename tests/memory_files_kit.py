@@ -26,6 +26,7 @@ def views(_: Path) -> Repeat:
             posterior.state()
             state.state(posterior.probability(), posterior.observed())
         oddsmap.changed(old.log_odds(), view()).to_probability_map()
+        oddsmap.compare(old.log_odds(), view())
         for kind in ("equal-tailed", "highest-density"):
             plane().reflection(kind=kind).interval()
         plane().reflection().state()

@@ -139,6 +139,8 @@ def merging(_: Path) -> Repeat:
         grid = plane().like()
         grid.merge(plane())
         grid.crop((20, 20), (150, 100)).bounds()
+        (grid - plane()).bounds()
+        room().resample(2 * room().resolution).bounds()
 
     return repeat
 

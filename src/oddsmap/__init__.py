@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from oddsmap.plausibility.doubts import check_log
     from oddsmap.poses.pose import Pose2, Pose3
     from oddsmap.posterior.changes import changed
+    from oddsmap.posterior.comparison import compare
     from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import PriorArray
@@ -103,6 +104,7 @@ __all__ = [
     "calibrate",
     "changed",
     "check_log",
+    "compare",
     "diagnose",
     "evaluate",
     "load_full_map",
@@ -154,6 +156,7 @@ _HOME = {
     "build_reflection_map": "full_map.reflection",
     "calibrate": "scoring.calibration",
     "changed": "posterior.changes",
+    "compare": "posterior.comparison",
     "check_log": "plausibility.doubts",
     "diagnose": "doctor.diagnosis",
     "evaluate": "scoring.truth",

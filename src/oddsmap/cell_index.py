@@ -16,7 +16,7 @@ from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.limits import MAX_COORDINATE, memory_limit
 
-__all__ = ["cell_box", "cell_indices", "check_room", "indices_in", "one_cell"]
+__all__ = ["box_cells", "cell_box", "cell_indices", "check_room", "indices_in", "one_cell"]
 
 
 def cell_indices(index: npt.ArrayLike, ndim: int) -> IntArray:
@@ -53,6 +53,41 @@ def cell_box(lo: npt.ArrayLike, hi: npt.ArrayLike, ndim: int) -> tuple[IntArray,
     if first.shape != (ndim,) or last.shape != first.shape or (last < first).any():
         raise InputError(f"a region needs lo <= hi of {ndim} indices, got {lo!r} and {hi!r}")
     return first, last
+
+
+def box_cells(
+    lo: npt.ArrayLike, hi: npt.ArrayLike, resolution: float, ndim: int
+) -> tuple[IntArray, IntArray]:
+    """The cells whose centres lie in a box of metres: first index and past the last, x first.
+
+    A box whose sides lie between cells is met exactly, which the cells that it touches would not
+    be: 0.3 / 0.1 is a little less than 3. Boxes side by side share no cell and leave none out.
+
+    Args:
+        lo: lowest corner [m], shape (ndim,), x first; a centre on it is inside.
+        hi: highest corner [m]; a centre on it is outside.
+        resolution: side of a cell [m].
+        ndim: 2 or 3.
+
+    Raises:
+        InputError: not `ndim` finite numbers each, hi not above lo, or cells out of reach.
+    """
+    try:
+        corners = [np.asarray(corner, np.float64) for corner in (lo, hi)]
+    except (TypeError, ValueError):
+        corners = []
+    if [corner.shape for corner in corners] != 2 * [(ndim,)] or not np.isfinite(corners).all():
+        raise InputError(f"a box needs {ndim} numbers [m] for each corner, got {lo!r} and {hi!r}")
+    if not (corners[0] < corners[1]).all():
+        raise InputError(f"a box needs its lowest corner before its highest, got {lo!r} and {hi!r}")
+    first, past = np.ceil(np.array(corners) / resolution - 0.5)
+    reach = 2 * MAX_COORDINATE
+    if first.min() < -reach or past.max() > reach:
+        raise InputError(
+            f"the box {lo!r} to {hi!r} reaches farther than 2^46 cells from the map's origin: is "
+            "it in metres?"
+        )
+    return first.astype(np.int64), past.astype(np.int64)
 
 
 def check_room(lo: IntArray, hi: IntArray, bytes_per_cell: int) -> None:

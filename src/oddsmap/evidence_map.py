@@ -21,6 +21,7 @@ from oddsmap.sensors.registry import Sensor, agreeing, sensor_of_log
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from oddsmap.odds import Thresholds
     from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import MapLike
@@ -42,6 +43,7 @@ class EvidenceMap(Evidence):
         p_hit: float | None = None,
         p_miss: float | None = None,
         prior: float | MapLike | None = None,
+        thresholds: Thresholds | None = None,
         clamp: tuple[float, float] | None = None,
     ) -> LogOdds:
         """The posterior of the Bayes filter, a view: see `oddsmap.posterior.log_odds.LogOdds`.
@@ -50,11 +52,14 @@ class EvidenceMap(Evidence):
             p_hit: p(x | z) of a hit at prior 1/2; default: the map's sensor model.
             p_miss: p(x | z) of a pass at prior 1/2; likewise.
             prior: p(x), a number or a map of it; default: the map's configuration.
+            thresholds: from which probabilities a cell is free or occupied; likewise.
             clamp: lowest and highest probability of the view; None: as they are.
         """
         from oddsmap.posterior.log_odds import LogOdds
 
-        return LogOdds(self, p_hit=p_hit, p_miss=p_miss, prior=prior, clamp=clamp)
+        return LogOdds(
+            self, p_hit=p_hit, p_miss=p_miss, prior=prior, thresholds=thresholds, clamp=clamp
+        )
 
     def reflection(
         self,

@@ -132,3 +132,75 @@ def test_wrong_requests_of_maps_of_space(
         source, name, *options = words
         assert message in run("export", source, tmp_path / str(name), *options).line
     assert sorted(tmp_path.iterdir()) == before
+
+
+def states_of(path: Path) -> dict[int, int]:
+    """How many cells a ROS map says to be free (0), occupied (100), or neither (-1)."""
+    states, counts = np.unique(oddsmap.load_ros(path).state(), return_counts=True)
+    return dict(zip(states.tolist(), counts.tolist(), strict=True))
+
+
+def test_other_limits_in_a_ros_map(run: Run, maps: Path, tmp_path: Path) -> None:
+    source, out = maps / "hall.zarr", tmp_path / "m.yaml"
+    view = oddsmap.load_map(source).log_odds()
+    for options, limits in (
+        ((), oddsmap.Thresholds()),
+        (("--free", 0.01), oddsmap.Thresholds(0.01, 0.65)),
+        (("--occupied", 0.99), oddsmap.Thresholds(0.196, 0.99)),
+        (("--free", 0.3, "--occupied", 0.31), oddsmap.Thresholds(0.3, 0.31)),
+    ):
+        assert run("export", source, out, *options, "--force").status == 0
+        want, found = view.state(thresholds=limits), states_of(out)
+        for state in (oddsmap.State.FREE, oddsmap.State.OCCUPIED):
+            assert found.get(state, 0) == np.count_nonzero(want == state)
+        assert f"free_thresh: {limits.free:g}" in out.read_text()
+        assert f"occupied_thresh: {limits.occupied:g}" in out.read_text()
+
+
+def test_other_limits_of_maps_without_counts(run: Run, maps: Path, tmp_path: Path) -> None:
+    limits = ("--free", 0.05, "--occupied", 0.95)
+    for source in ("old.yaml", "hall.zarr"):
+        assert run("export", maps / source, tmp_path / "a.yaml", *limits, "--force").status == 0
+        assert "occupied_thresh: 0.95" in (tmp_path / "a.yaml").read_text()
+    sizes = []
+    for source in ("before.ot", "before.zarr"):
+        for k, options in enumerate(((), limits)):
+            name = f"{Path(source).suffix[1:]}{k}"
+            for suffix in (".ply", ".bt", ".laz", ".mcap"):
+                done = run("export", maps / source, tmp_path / f"{name}{suffix}", *options)
+                assert done.status == 0, done.err
+            sizes.append((tmp_path / f"{name}.ply").stat().st_size)
+    assert sizes[0] > sizes[1]
+    assert sizes[2] > sizes[3]
+
+
+def test_bounds_of_what_is_written(run: Run, maps: Path, tmp_path: Path) -> None:
+    bounds = ("--clamp", 0.3, 0.6)
+    assert run("export", maps / "hall.zarr", tmp_path / "m.npz", *bounds).status == 0
+    with np.load(tmp_path / "m.npz") as arrays:
+        p = arrays["probability"]
+    assert (p.min(), p.max()) == (np.float32(0.3), np.float32(0.6))
+    for name in ("m.yaml", "m.png", "m.tif", "m.mcap"):
+        assert run("export", maps / "hall.zarr", tmp_path / name, *bounds).status == 0
+    assert set(states_of(tmp_path / "m.yaml")) == {-1}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("hall.zarr", "m.npz", "--free", 0.1), "--free and --occupied decide"),
+        (("hall.zarr", "m.yaml", "--free", 0.7), "got 0.7 and 0.65"),
+        (("hall.zarr", "m.yaml", "--occupied", 1.2), "0 <= free < occupied <= 1"),
+        (("hall.zarr", "m.yaml", "--free", 0.5, "--occupied", 0.5), "got 0.5 and 0.5"),
+        (("hall.zarr", "m.png", "--clamp", 0.9, 0.1), "clamp needs"),
+        (("before.bt", "m.ply", "--clamp", 0.1, 0.9), "no counts"),
+        (("space.zarr", "m.bt", "--clamp", 0.1, 0.9), "not m.bt"),
+        (("hall.zarr", "m.png", "--posterior", "reflection", "--occupied", 0.7), "log-odds"),
+    ],
+)  # fmt: skip
+def test_wrong_limits(
+    run: Run, maps: Path, tmp_path: Path, words: tuple[object, ...], message: str
+) -> None:
+    source, name, *options = words
+    assert message in run("export", maps / str(source), tmp_path / str(name), *options).line
+    assert list(tmp_path.iterdir()) == []

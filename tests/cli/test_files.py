@@ -65,7 +65,7 @@ ORDER: dict[str, list[Mistake]] = {
     "export": [
         ("--level belongs to --posterior reflection or decay", ["--level", "0.5"], []),
         ("--mode says how a ROS map is written", ["--mode", "raw"], []),
-        ("--clamp bounds", ["--clamp", "0.1", "0.9"], []),
+        ("--free and --occupied decide", ["--free", "0.1"], []),
         ("--prior gone.yaml: neither a number nor a file", ["--prior", "gone.yaml"], []),
         ("p_hit is a probability", ["--p-hit", "2"], []),
         ("--z-min has to lie below --z-max", ["--z-min", "2", "--z-max", "1"], []),

@@ -90,7 +90,7 @@ def test_cells_that_hits_and_passes_fight_for(run: Run, save: Save, tmp_path: Pa
     """No smaller p_miss decides them as free: it is not proposed."""
     (note,) = notes(run("export", save((1, 2), (2, 4)), tmp_path / "m.yaml").out)
     assert "--p-miss" not in note
-    assert "More scans decide them, or posterior.free and posterior.occupied" in note
+    assert "More scans decide them, or other limits (--free, --occupied)" in note
 
 
 def test_a_prior_that_is_free_already(run: Run, save: Save, tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_points(run: Run, save: Save, tmp_path: Path) -> None:
     (note,) = notes(done.out)  # a hit and a pass make 0.61
     assert note == (
         "note     67% of the 3 cells that are rather occupied than free are left out: their p is "
-        "below 0.65. A larger --p-hit or --prior brings them in"
+        "below 0.65. A larger --p-hit or --prior, or a lower --occupied brings them in"
     )
     assert notes(run("export", source, tmp_path / "m.ply", "--force", "--p-hit", 0.8).out) == []
     assert notes(run("export", source, tmp_path / "m.ply", "--force", "--p-miss", 0.2).out) == []

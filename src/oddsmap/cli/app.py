@@ -13,8 +13,12 @@ from oddsmap.cli.build import build
 from oddsmap.cli.calibrate import HELP as CALIBRATE_HELP
 from oddsmap.cli.calibrate import calibrate
 from oddsmap.cli.command import Command
+from oddsmap.cli.compare import HELP as COMPARE_HELP
+from oddsmap.cli.compare import compare
 from oddsmap.cli.config import HELP as CONFIG_HELP
 from oddsmap.cli.config import config
+from oddsmap.cli.crop import HELP as CROP_HELP
+from oddsmap.cli.crop import crop
 from oddsmap.cli.demo import HELP as DEMO_HELP
 from oddsmap.cli.demo import demo
 from oddsmap.cli.doctor import HELP as DOCTOR_HELP
@@ -26,8 +30,14 @@ from oddsmap.cli.info import HELP as INFO_HELP
 from oddsmap.cli.info import info
 from oddsmap.cli.landmarks import HELP as LANDMARKS_HELP
 from oddsmap.cli.landmarks import landmarks
+from oddsmap.cli.merge import HELP as MERGE_HELP
+from oddsmap.cli.merge import merge
+from oddsmap.cli.resample import HELP as RESAMPLE_HELP
+from oddsmap.cli.resample import resample
 from oddsmap.cli.score import HELP as SCORE_HELP
 from oddsmap.cli.score import score
+from oddsmap.cli.subtract import HELP as SUBTRACT_HELP
+from oddsmap.cli.subtract import subtract
 from oddsmap.errors import OddsmapError
 
 __all__ = ["app", "run"]
@@ -45,6 +55,9 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
                                         how well it predicts readings
   oddsmap calibrate sonar.npz --resolution 0.1 -o sonar.toml
                                         rates and noise of a sensor
+  oddsmap merge a.zarr b.zarr -o both.zarr
+                                        maps added; also subtract,
+                                        crop, resample, compare
   oddsmap landmarks seen.csv -o trees.csv
                                         points in place of cells
 
@@ -65,6 +78,11 @@ for command, page in (
     (config, CONFIG_HELP),
     (calibrate, CALIBRATE_HELP),
     (score, SCORE_HELP),
+    (merge, MERGE_HELP),
+    (subtract, SUBTRACT_HELP),
+    (crop, CROP_HELP),
+    (compare, COMPARE_HELP),
+    (resample, RESAMPLE_HELP),
     (landmarks, LANDMARKS_HELP),
     (demo, DEMO_HELP),
 ):

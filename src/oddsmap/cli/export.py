@@ -44,6 +44,8 @@ HELP = """Write a map as what other software reads: OUT's suffix decides.
                                           cells, counts and probabilities
   oddsmap export intel.zarr intel.png --prior old.yaml
                                           with an older map as the prior
+  oddsmap export intel.zarr intel.yaml --p-hit 0.9 --p-miss 0.3 \\
+    --free 0.2 --occupied 0.8 --force     other beliefs, other limits
 
 \b
 How often cells reflect beams (maps made with --votes beam), with credible
@@ -131,6 +133,22 @@ def export(
             metavar="PROBABILITY", help="Belief after a pass; by default the map's sensor.p_miss."
         ),
     ] = None,
+    free: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PROBABILITY",
+            help="ROS maps, .bt, points: the largest p of a free cell; by default the map's "
+            "posterior.free.",
+        ),
+    ] = None,
+    occupied: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PROBABILITY",
+            help="ROS maps, .bt, points: the smallest p of an occupied cell; by default the map's "
+            "posterior.occupied.",
+        ),
+    ] = None,
     z_min: Annotated[
         float | None,
         typer.Option(
@@ -156,7 +174,8 @@ def export(
         tuple[float, float] | None,
         typer.Option(
             metavar="PROBABILITY PROBABILITY",
-            help="Bounds of p in an .ot, by default none; OctoMap's own are 0.1192 0.971.",
+            help="Lowest and highest p, of the sum of all evidence; by default none. OctoMap's own "
+            "are 0.1192 0.971.",
         ),
     ] = None,
     shift: Annotated[
@@ -226,7 +245,8 @@ def export(
         name: value
         for name, value in {
             "format": format_, "mode": mode, "shift": shift, "crs": crs, "frame": frame,
-            "stamp": stamp, "prior": prior, "p_hit": p_hit, "p_miss": p_miss, "z_min": z_min,
+            "stamp": stamp, "prior": prior, "p_hit": p_hit, "p_miss": p_miss, "free": free,
+            "occupied": occupied, "z_min": z_min,
             "z_max": z_max, "ground": ground, "clamp": clamp, "show": show, "level": level,
             "interval": interval, "threshold": threshold, "beta_a": beta_a, "beta_b": beta_b,
         }.items()
@@ -250,10 +270,12 @@ class _View(NamedTuple):
 
 _OF_FILES = ("format", "mode", "clamp", "shift", "crs", "frame", "stamp")
 
+_OF_CELLS = ("prior", "p_hit", "p_miss", "free", "occupied")
+
 _VIEWS = {
     "log-odds": _View(
         write_log_odds,
-        frozenset({*_OF_FILES, "prior", "p_hit", "p_miss", "z_min", "z_max", "ground"}),
+        frozenset({*_OF_FILES, *_OF_CELLS, "z_min", "z_max", "ground"}),
     ),
     "reflection": _View(
         write_reflection,

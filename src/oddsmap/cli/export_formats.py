@@ -23,7 +23,18 @@ _OF_PLANE = (".yaml", ".png", ".tif", *BAGS)
 # Where an option changes something, and what is said elsewhere.
 _WHERE: dict[str, tuple[tuple[str, ...], str]] = {
     "mode": ((".yaml", *BAGS), "--mode says how a ROS map is written"),
-    "clamp": ((".ot",), "--clamp bounds the probabilities of an .ot"),
+    "clamp": (
+        (".yaml", ".png", ".npz", ".tif", ".ot", ".ply", ".las", ".laz", *BAGS),
+        "--clamp bounds probabilities that are written",
+    ),
+    **dict.fromkeys(
+        ("free", "occupied"),
+        (
+            (".yaml", ".bt", ".ply", ".las", ".laz", *BAGS),
+            "--free and --occupied decide which cells are free or occupied in a ROS map, its "
+            "messages, a .bt and points",
+        ),
+    ),
     **dict.fromkeys(HEIGHTS, (_OF_PLANE, "--z-min, --z-max, --ground make a 2D map")),
     "frame": (BAGS, "--frame names the frame of a map in .mcap, .bag and --format ros2-bag"),
     "stamp": (BAGS, "--stamp is the time of a map in .mcap, .bag and --format ros2-bag"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from oddsmap.cli.export_formats import BAGS, check_format_options, kind_of
 from oddsmap.cli.export_plane import write_geotiff, write_picture, write_ros
 from oddsmap.cli.export_ros import header_of, write_bag
-from oddsmap.cli.export_sources import open_source, prior_map, prior_of
+from oddsmap.cli.export_sources import open_source, prior_map, prior_of, thresholds_of
 from oddsmap.cli.export_space import write_las, write_octomap, write_ply
 from oddsmap.cli.files import check_files
 from oddsmap.cli.written import Written
@@ -40,15 +40,22 @@ def write_log_odds(
     Raises:
         OddsmapError: an option does not fit the map or the file, or one cannot be read or written.
     """
+    from oddsmap.posterior.belief import Belief
+
     kind = kind_of(output, options)
     check_format_options(output, kind, options)
     header_of(options)  # refuses what no message can have
     number, prior_file = prior_of(options.get("prior"), source)
     rates = {name: options.get(name) for name in ("p_hit", "p_miss")}
+    if kind != ".ot":  # which bounds what it writes itself, also of maps without counts
+        rates["clamp"] = options.get("clamp")
     _check_values(options, number)
     check_files([source, prior_file], output, force=force, is_bag=kind == "ros2-bag")
     prior = number if prior_file is None else prior_map(prior_file, voice)
     view = open_source(source, prior, rates, voice)
+    limits = thresholds_of(view, options)
+    if isinstance(view, Belief):
+        view.thresholds = limits
     return _WRITERS[kind](view, output, options, force)
 
 
@@ -56,9 +63,12 @@ def _check_values(options: Mapping[str, Any], prior: float | None) -> None:
     """Refuse values that are right for no map, before one is loaded."""
     from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.odds import Thresholds
 
     rates = {name: options.get(name) for name in ("p_hit", "p_miss", "clamp")}
     EvidenceMap(1.0).log_odds(prior=prior, **rates)
+    # One alone is checked beside the other one that the map has.
+    Thresholds(options.get("free", 0.0), options.get("occupied", 1.0))
     low, high = options.get("z_min"), options.get("z_max")
     if low is not None and high is not None and not low < high:
         raise ConfigError(f"--z-min has to lie below --z-max, got {low:g} and {high:g}")

@@ -68,12 +68,13 @@ def plane_of(view: Source, options: Options) -> Plane:
     return ArrayPlane(grid_of(view, options)[0])
 
 
-def grid_of(view: Source, options: Options) -> tuple[ProbabilityMap, Thresholds | None]:
+def grid_of(view: Source, options: Options) -> tuple[ProbabilityMap, Thresholds]:
     """A 2D map, or a band of heights of a 3D map, and the thresholds of its view.
 
     Raises:
         ConfigError: heights are asked of a 2D map, or none of a 3D map.
     """
+    from oddsmap.cli.export_sources import thresholds_of
     from oddsmap.errors import ConfigError
     from oddsmap.maps.probability_map import ProbabilityMap
     from oddsmap.posterior.belief import Belief
@@ -81,7 +82,7 @@ def grid_of(view: Source, options: Options) -> tuple[ProbabilityMap, Thresholds 
 
     z_min, z_max = options.get("z_min"), options.get("z_max")
     ground = options.get("ground", "none")
-    thresholds = view.thresholds if isinstance(view, Belief) else None
+    thresholds = thresholds_of(view, options)
     if isinstance(view, ProbabilityMap) or (isinstance(view, Belief) and view.ndim == 2):
         if _banded(options):
             raise ConfigError("--z-min, --z-max and --ground need a 3D map, this one is 2D")

@@ -55,12 +55,11 @@ def header_of(options: Options, evidence_ns: int | None = None) -> MapHeader:
 
 def write_bag(view: Source, output: Path, options: Options, force: bool) -> Written:
     """Write a 2D map as a grid, a 3D map as OctoMaps and points, in `.mcap` or a bag."""
+    from oddsmap.cli.export_sources import thresholds_of
     from oddsmap.map_files.ros_bag import save_bag
-    from oddsmap.odds import Thresholds
-    from oddsmap.posterior.belief import Belief
     from oddsmap.posterior.log_odds import LogOdds
 
-    limits = view.thresholds if isinstance(view, Belief) else Thresholds()
+    limits = thresholds_of(view, options)
     since = view.evidence.config.map.t_ref_ns if isinstance(view, LogOdds) else None
     space = _space_of(view, options)
     if space is None:

@@ -11,10 +11,19 @@ if TYPE_CHECKING:
     from oddsmap.cli.voice import Voice
     from oddsmap.maps.probability_map import ProbabilityMap
     from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.odds import Thresholds
     from oddsmap.posterior.belief import Belief
     from oddsmap.posterior.prior import MapLike
 
-__all__ = ["Source", "check_no_image", "is_ros_map", "open_source", "prior_map", "prior_of"]
+__all__ = [
+    "Source",
+    "check_no_image",
+    "is_ros_map",
+    "open_source",
+    "prior_map",
+    "prior_of",
+    "thresholds_of",
+]
 
 Source: TypeAlias = "Belief | VoxelMap | ProbabilityMap"
 """A map that is open: a view of counts, or one that has none."""
@@ -33,7 +42,7 @@ def open_source(
     Args:
         source: a saved map, a full map, an OctoMap, or the YAML of a ROS map.
         prior: for a map with counts; None: the map's own.
-        rates: p_hit and p_miss, likewise.
+        rates: p_hit, p_miss and clamp, likewise.
         voice: says what is doubtful about a ROS map.
 
     Raises:
@@ -51,7 +60,8 @@ def open_source(
         kind = "a ROS map"
     if kind is not None and any(value is not None for value in (prior, *rates.values())):
         raise ConfigError(
-            f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those"
+            f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those, and so "
+            "does --clamp but for an .ot"
         )
     if kind == "a ROS map":
         return _ros_map(source, voice)
@@ -60,6 +70,19 @@ def open_source(
     check_no_image(source)
     grid = load_map(source)
     return grid.log_odds(prior=prior, **rates)
+
+
+def thresholds_of(view: Source, options: Mapping[str, Any]) -> Thresholds:
+    """What is free and what is occupied: --free and --occupied, or else as the map says.
+
+    Raises:
+        ConfigError: no cell could be both as it should.
+    """
+    from oddsmap.odds import Thresholds
+    from oddsmap.posterior.belief import Belief
+
+    own = view.thresholds if isinstance(view, Belief) else Thresholds()
+    return Thresholds(options.get("free", own.free), options.get("occupied", own.occupied))
 
 
 def _ros_map(path: Path, voice: Voice) -> ProbabilityMap:

@@ -22,32 +22,54 @@ Options = Mapping[str, Any]
 
 def write_octomap(view: Source, output: Path, options: Options, force: bool) -> Written:
     """Write an OctoMap: `.bt` or `.ot`."""
+    from oddsmap.cli.export_sources import thresholds_of
     from oddsmap.map_files.octomap_range import shift_of
+    from oddsmap.maps.voxel_map import VoxelMap
 
     space, shift = space_of(view), options.get("shift")
-    space.save_octomap(output, clamp=options.get("clamp"), shift=shift, force=force)
+    clamp = options.get("clamp")
+    if isinstance(space, VoxelMap):
+        limits = thresholds_of(space, options)
+        space.save_octomap(output, clamp=clamp, shift=shift, thresholds=limits, force=force)
+    else:
+        space.save_octomap(output, clamp=clamp, shift=shift, force=force)
     moved = None if shift is None else shift_of(shift, space.resolution)
     return Written([output], note_of_shift(moved))
 
 
 def write_ply(view: Source, output: Path, options: Options, force: bool) -> Written:
     """Write the occupied cells as points: `.ply`."""
+    from oddsmap.cli.export_sources import thresholds_of
+    from oddsmap.maps.voxel_map import VoxelMap
+
     space = space_of(view)
-    space.save_ply(output, force=force)
-    return Written([output], _left_out(space))
+    if isinstance(space, VoxelMap):
+        space.save_ply(output, thresholds=thresholds_of(space, options), force=force)
+    else:
+        space.save_ply(output, force=force)
+    return Written([output], _left_out(space, options))
 
 
 def write_las(view: Source, output: Path, options: Options, force: bool) -> Written:
     """Write the occupied cells as points: `.las` or `.laz`."""
+    from oddsmap.cli.export_sources import thresholds_of
+    from oddsmap.maps.voxel_map import VoxelMap
+
     space = space_of(view)
-    space.save_las(output, crs=options.get("crs"), force=force)
-    return Written([output], _left_out(space))
+    crs = options.get("crs")
+    if isinstance(space, VoxelMap):
+        limits = thresholds_of(space, options)
+        space.save_las(output, crs=crs, thresholds=limits, force=force)
+    else:
+        space.save_las(output, crs=crs, force=force)
+    return Written([output], _left_out(space, options))
 
 
-def _left_out(space: Belief | VoxelMap) -> tuple[str, ...]:
+def _left_out(space: Belief | VoxelMap, options: Options) -> tuple[str, ...]:
+    from oddsmap.cli.export_sources import thresholds_of
     from oddsmap.cli.undecided import undecided_in_points
 
-    note = undecided_in_points(space)
+    note = undecided_in_points(space, thresholds_of(space, options))
     return () if note is None else (note,)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What `oddsmap build` says when it is done."""
+"""What `oddsmap build` and other commands say of the map that they made."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
 
-__all__ = ["facts_of", "facts_of_full_map", "lines"]
+__all__ = ["facts_of", "facts_of_full_map", "lines", "lines_of_map"]
 
 
 def facts_of(evidence: EvidenceMap, output: Path) -> dict[str, Any]:
@@ -62,9 +62,8 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
         yield (f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
     for reason, count in sorted(facts["skipped"].items()):
         yield (f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
-    flat = "area_m2" in facts
-    seen = f"{facts['area_m2']:,.1f} square" if flat else f"{facts['volume_m3']:,.1f} cubic"
-    yield (f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
+    seen, *where = lines_of_map(facts)
+    yield seen
     yield (
         f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "
         f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
@@ -74,6 +73,14 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
         state = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
         residual = f"{facts['residual']:.2g}{unit}"
         yield (f"sweeps   {facts['sweeps']}, {moving} {state} (residual {residual})")
+    yield from where
+
+
+def lines_of_map(facts: dict[str, Any]) -> Iterator[str]:
+    """How much a saved map knows, where it is, and what to do next."""
+    flat = "area_m2" in facts
+    seen = f"{facts['area_m2']:,.1f} square" if flat else f"{facts['volume_m3']:,.1f} cubic"
+    yield (f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
     output = facts["output"]
     yield (f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
     picture = Path(output).with_suffix(".png" if flat else ".ply")

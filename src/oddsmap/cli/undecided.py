@@ -46,7 +46,7 @@ def undecided_in_plane(plane: Plane, thresholds: Thresholds | None, view: Source
     if count < _NOTABLE * seen or count == 0:
         return None
     cause = _fewer_passes(np.concatenate(undecided), limits, view) or (
-        ". More scans decide them, or posterior.free and posterior.occupied when a map is built"
+        ". More scans decide them, or other limits (--free, --occupied)"
     )
     return (
         f"{count / seen:.0%} of the {seen:,} seen cells are written as unknown, neither free (p up "
@@ -55,13 +55,10 @@ def undecided_in_plane(plane: Plane, thresholds: Thresholds | None, view: Source
     )
 
 
-def undecided_in_points(view: Belief | VoxelMap) -> str | None:
+def undecided_in_points(view: Belief | VoxelMap, limits: Thresholds) -> str | None:
     """What to say of points of occupied cells, where many are nearly that."""
     import numpy as np
 
-    from oddsmap.posterior.belief import Belief
-
-    limits = view.thresholds if isinstance(view, Belief) else Thresholds()
     likely = written = 0
     for part in view.points(0.5):
         likely += len(part.probability)
@@ -71,7 +68,8 @@ def undecided_in_points(view: Belief | VoxelMap) -> str | None:
         return None
     return (
         f"{left / likely:.0%} of the {likely:,} cells that are rather occupied than free are left "
-        f"out: their p is below {limits.occupied:g}. A larger --p-hit or --prior brings them in"
+        f"out: their p is below {limits.occupied:g}. A larger --p-hit or --prior, or a lower "
+        "--occupied brings them in"
     )
 
 

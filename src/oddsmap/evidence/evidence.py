@@ -8,7 +8,6 @@ merge by addition. This is data alone: `oddsmap.EvidenceMap` adds the views and 
 from __future__ import annotations
 
 import copy
-import dataclasses
 import math
 import os
 from pathlib import Path
@@ -18,9 +17,16 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.cell_index import cell_box, cell_indices, check_room
+from oddsmap.cell_index import box_cells, cell_box, cell_indices, check_room
 from oddsmap.config.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.evidence.arithmetic import (
+    check_same_kind,
+    coarser,
+    difference,
+    factor_of,
+    merge_tiles,
+)
 from oddsmap.evidence.tiles import Census, TileStore
 from oddsmap.kernels.units import ONE, PASSES
 from oddsmap.limits import TILE_SIDE
@@ -253,31 +259,106 @@ class Evidence:
             InputError: the maps differ in resolution, dimensions, kind of votes, half-life or its
                 t_ref_ns (see `rescaled`), in whether they keep lengths, or in the kind of sensor.
         """
+        self._check_same_kind(other, any_sensor=any_sensor, done="added")
+        merge_tiles(self.tiles, other.tiles)
+        if self.lengths is not None and other.lengths is not None:
+            merge_tiles(self.lengths, other.lengths)
+        self.provenance.extend(copy.deepcopy(other.provenance))
+
+    def subtract(self, other: Evidence, *, any_sensor: bool = False) -> None:
+        """Take the evidence of another map out of this one again, exactly: `merge` undone.
+
+        Of the provenance, too, the other's entries are taken out where they are all there;
+        otherwise an entry notes what was subtracted.
+
+        Args:
+            other: what is to be taken out.
+            any_sensor: as in `merge`.
+
+        Raises:
+            InputError: as in `merge`, or a cell has less than is to be taken out; then nothing
+                has changed.
+        """
+        self._check_same_kind(other, any_sensor=any_sensor, done="subtracted")
+        left, lengths = difference(self.tiles, other.tiles, self.resolution), self.lengths
+        if self.lengths is not None and other.lengths is not None:
+            lengths = difference(self.lengths, other.lengths, self.resolution)
+        self.tiles, self.lengths = left, lengths
+        theirs, own = copy.deepcopy(other.provenance), copy.deepcopy(self.provenance)
+        try:
+            for entry in theirs:
+                own.remove(entry)
+        except ValueError:
+            self.record(None, subtracted=theirs)
+        else:
+            self.provenance = own
+
+    def _check_same_kind(self, other: Evidence, *, any_sensor: bool, done: str) -> None:
         if not isinstance(other, Evidence):
             raise InputError(
-                f"only evidence adds up, and a {type(other).__name__} holds no hits and passes"
+                f"only evidence is {done}, and a {type(other).__name__} holds no hits and passes"
             )
         if self.ndim != other.ndim:
             raise InputError(
-                f"maps of different ndim cannot be added: {self.ndim} here, {other.ndim} there"
+                f"maps of different ndim cannot be {done}: {self.ndim} here, {other.ndim} there"
             )
-        for field in dataclasses.fields(MapConfig):
-            name = field.name
-            mine, theirs = getattr(self.config.map, name), getattr(other.config.map, name)
-            if mine != theirs:
-                raise InputError(
-                    f"maps of different {name} cannot be added: {mine} here, {theirs} there"
-                )
-        if self.sensor.kind != other.sensor.kind and not any_sensor:
+        check_same_kind(self.config, other.config, any_sensor=any_sensor, done=done)
+
+    def __add__(self, other: object) -> Self:
+        """A new map with the evidence of both: see `merge`."""
+        if not isinstance(other, Evidence):
+            return NotImplemented
+        total = self._copy()
+        total.merge(other)
+        return total
+
+    def __radd__(self, other: object) -> Self:
+        """What `sum` of several maps begins with: 0 and the first."""
+        return self._copy() if isinstance(other, int) and other == 0 else NotImplemented
+
+    def __sub__(self, other: object) -> Self:
+        """A new map without the evidence of the other: see `subtract`."""
+        if not isinstance(other, Evidence):
+            return NotImplemented
+        rest = self._copy()
+        rest.subtract(other)
+        return rest
+
+    def _copy(self) -> Self:
+        twin = self.like()
+        twin.tiles, twin.lengths = copy.deepcopy(self.tiles), copy.deepcopy(self.lengths)
+        twin.provenance = copy.deepcopy(self.provenance)
+        return twin
+
+    def resample(self, resolution: float) -> Self:
+        """A new map of larger cells, each with the sum of the evidence of those that lie in it.
+
+        It is exact, and not what mapping at that resolution makes: there a scan or a beam votes
+        once for a large cell, here once for each small cell in it that it met. So a cell has more
+        votes, hits from a wall and passes from the space before it among them, and its posterior
+        is more extreme.
+
+        Args:
+            resolution: side of a cell [m], a whole multiple of this map's.
+
+        Raises:
+            ConfigError: it is none; the nearest are named.
+            InputError: the map keeps lengths, which have no exact sum.
+            MapTooLargeError: a cell would pass 2^46 votes.
+        """
+        factor = factor_of(self.resolution, resolution)
+        if factor == 1:
+            return self._copy()
+        if self.lengths is not None:
             raise InputError(
-                f"a map of a sensor of kind {other.sensor.kind} is not added to one of kind "
-                f"{self.sensor.kind}: their votes could not be told apart any more; "
-                "any_sensor=True adds them, and this map's sensor model will weigh all"
+                "the map keeps path lengths, in 65536ths of a cell's side: those of a larger cell "
+                "are no whole numbers of them; build the map again at the coarser resolution"
             )
-        _merge_tiles(self.tiles, other.tiles)
-        if self.lengths is not None and other.lengths is not None:
-            _merge_tiles(self.lengths, other.lengths)
-        self.provenance.extend(copy.deepcopy(other.provenance))
+        large = self.like(resolution=float(resolution))
+        coarser(large.tiles, self.tiles, factor)
+        large.provenance = copy.deepcopy(self.provenance)
+        large.record(None, resampled_from=self.resolution)
+        return large
 
     def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Self:
         """A new map with only the cells of a box; arguments and errors as in `region`."""
@@ -288,6 +369,18 @@ class Evidence:
             _crop_tiles(part.lengths, self.lengths, first, last)
         part.provenance = copy.deepcopy(self.provenance)
         return part
+
+    def crop_box(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Self:
+        """A new map with only the cells whose centres lie in a box of metres.
+
+        Args:
+            lo: lowest corner [m], shape (d,), x first; a centre on it is inside.
+            hi: highest corner [m], shape (d,); a centre on it is outside.
+
+        Raises:
+            InputError: they are not d numbers each, or hi is not above lo.
+        """
+        return self.crop(*box_cells(lo, hi, self.resolution, self.ndim))
 
     def rescaled(self, t_ref_ns: int) -> Self:
         """A new map whose half-life counts back from a later time, to go on with later scans.
@@ -324,11 +417,11 @@ class Evidence:
         later.record(None, **facts)
         return later
 
-    def like(self, *, t_ref_ns: int | None = None) -> Self:
-        """An empty map with the same configuration, or for another t_ref_ns."""
+    def like(self, *, t_ref_ns: int | None = None, resolution: float | None = None) -> Self:
+        """An empty map with the same configuration, or for another t_ref_ns or resolution [m]."""
         own = self.config.map
         return type(self)(
-            self.resolution,
+            self.resolution if resolution is None else resolution,
             votes=self.votes,
             half_life=own.half_life,
             t_ref_ns=own.t_ref_ns if t_ref_ns is None else t_ref_ns,
@@ -338,14 +431,6 @@ class Evidence:
             ndim=self.ndim,
             tile_side=self.tiles.side,
         )
-
-
-def _merge_tiles(to: TileStore, tiles: TileStore) -> None:
-    if to.side == tiles.side:
-        to.merge(tiles)
-    else:
-        index, hits, passes = tiles.cells()
-        to.add_cells(index, np.stack([hits, passes], axis=1))
 
 
 def _crop_tiles(to: TileStore, tiles: TileStore, first: IntArray, last: IntArray) -> None:

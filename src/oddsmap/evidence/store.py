@@ -60,7 +60,7 @@ from oddsmap.map_files.zarr_header import (
 from oddsmap.map_files.zarr_shards import SavedShards
 from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 
-__all__ = ["is_map", "read_map", "save_map"]
+__all__ = ["is_map", "read_empty", "read_map", "save_map"]
 
 E = TypeVar("E", bound=Evidence)
 
@@ -162,6 +162,11 @@ def read_map(
     return read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
 
 
+def read_empty(path: str | os.PathLike[str], kind: type[E]) -> E:
+    """What a saved map says of itself: the same map without evidence; errors as in `read_map`."""
+    return read_unchanged(Path(path), lambda: _empty_map(Path(path), kind, _header_of(Path(path))))
+
+
 def _read(
     path: Path,
     kind: type[E],
@@ -170,17 +175,7 @@ def _read(
     take: Callable[[E], None] | None = None,
 ) -> E:
     """Read a map once; `take` gets what each shard holds, and then the map is empty again."""
-    if format_of(path) == FULL_MAP:
-        raise InputError(
-            f"{path}: a full map, which has no hits and passes: read it with oddsmap.load_full_map"
-        )
-    if not is_map(path):
-        if not path.exists():
-            raise InputError(f"{path}: no such file or folder")
-        raise InputError(
-            f"{path}: not a saved map (a Zarr folder with hits and passes, as oddsmap build makes)"
-        )
-    header = read_header(path, EVIDENCE_MAP)
+    header = _header_of(path)
     evidence = _empty_map(path, kind, header)
     d, side = evidence.ndim, evidence.tiles.side
     if any(box is not None and box.shape != (d,) for box in (lo, hi)):
@@ -210,6 +205,20 @@ def _read(
                 take(evidence)
                 tiles.clear()
     return evidence
+
+
+def _header_of(path: Path) -> Header:
+    if format_of(path) == FULL_MAP:
+        raise InputError(
+            f"{path}: a full map, which has no hits and passes: read it with oddsmap.load_full_map"
+        )
+    if not is_map(path):
+        if not path.exists():
+            raise InputError(f"{path}: no such file or folder")
+        raise InputError(
+            f"{path}: not a saved map (a Zarr folder with hits and passes, as oddsmap build makes)"
+        )
+    return read_header(path, EVIDENCE_MAP)
 
 
 def _empty_map(path: Path, kind: type[E], header: Header) -> E:

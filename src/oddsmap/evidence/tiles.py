@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -316,10 +317,10 @@ class TileStore:
         if len(index) == 0:
             return
         side, d = self.side, self.ndim
-        coords, tile = np.unique(index // side, axis=0, return_inverse=True)
+        coords, tile = _distinct_rows(index // side)
         within = np.ravel_multi_index(tuple((index % side).T[::-1]), (side,) * d)
         # Flat, which NumPy adds at twice as fast as at three indices.
-        at = 2 * side**d * tile.ravel()[:, None] + side**d * np.arange(2) + within[:, None]
+        at = 2 * side**d * tile[:, None] + side**d * np.arange(2) + within[:, None]
         if units.sum(dtype=np.float64) > MAX_UNITS:  # a cell's own sum might not fit int64
             totals = np.zeros(len(coords) * 2 * side**d)
             np.add.at(totals, at.ravel(), units.ravel().astype(np.float64))
@@ -375,3 +376,17 @@ class TileStore:
         # An upper bound is enough here, and cheap: the narrow level holds at most 255 votes.
         wide = self.arrays.wide[: int(self.arrays.counts[WIDE_COUNT])]
         return (int(wide.max()) if wide.size else 0) + (255 << FRACTION_BITS)
+
+
+def _distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
+    """The distinct rows of whole numbers, and which of them each row is, shape (n,).
+
+    As one number a row, which sorts ten times as fast as rows do, where there is such a number.
+    """
+    lo = rows.min(axis=0)
+    spans = [int(n) + 1 for n in rows.max(axis=0) - lo]
+    if math.prod(spans) >= 1 << 62:
+        distinct, which = np.unique(rows, axis=0, return_inverse=True)
+        return distinct, which.ravel()
+    keys, which = np.unique(np.ravel_multi_index(tuple((rows - lo).T), spans), return_inverse=True)
+    return np.stack(np.unravel_index(keys, spans), axis=1).astype(np.int64) + lo, which
