@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray, IntArray
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.query.rays import walk_rays
+from oddsmap.kernels.query.rays import ROOM, walk_rays
 from oddsmap.odds import State
 from oddsmap.query.places import CellGrid, check_places, points_in
 from oddsmap.query.state_blocks import bit_of, fill_blocks
@@ -120,7 +120,7 @@ class RayCaster:
         def walk(part: slice) -> None:
             walk_rays(
                 self._blocks, self._lo, self._hi, place[part], way[part],
-                max_range / self.resolution, stop, np.empty((2, d)), np.empty((2, d), np.int64),
+                max_range / self.resolution, stop, np.empty((ROOM, d)), np.empty((2, d), np.int64),
                 distance[part], cell[part], ended[part],
             )  # fmt: skip
 

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oddsmap.array_types import FloatArray
-from oddsmap.kernels.query.rays import walk_rays
+from oddsmap.kernels.query.rays import ROOM, walk_rays
 from oddsmap.odds import State
 from oddsmap.query.state_blocks import bit_of, fill_blocks
 from tests.naive.rays import Cell, first_met
@@ -33,7 +33,7 @@ def walk(
     blocks, lo, hi = fill_blocks(d, [(index, np.array(list(states.values()), np.int8))])
     distance, met, ended = np.full(n, math.inf), np.zeros((n, d), np.int64), np.zeros(n, np.uint8)
     bits = np.uint8(sum(bit_of(State(state)) for state in stop))
-    room = np.empty((2, d)), np.empty((2, d), np.int64)
+    room = np.empty((ROOM, d)), np.empty((2, d), np.int64)
     walk_rays(blocks, lo, hi, starts, ways, reach, bits, *room, distance, met, ended)
     names = {bit_of(state): int(state) for state in State}
     return [
@@ -98,7 +98,7 @@ def test_rays_of_any_direction(d: int, stop: set[int]) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-@pytest.mark.parametrize("slope", [1e-3, 1e-9, 1e-12, 1e-17])
+@pytest.mark.parametrize("slope", [1e-3, 1e-9, 1e-12, 1e-17, 1e-320])
 def test_nearly_level_rays_stay_in_their_row(d: int, slope: float) -> None:
     states = {(x, y, 5)[:d] if d == 2 else (x, y, 5): FREE for x in range(40) for y in range(3)}
     target = (30, 1, 5)[:d]

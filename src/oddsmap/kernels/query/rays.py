@@ -8,9 +8,9 @@ cell: they are met at one place if they lie within 2^-28 cell of each other, as 
 the slower axis decides, and never more than half a cell along the faster one, or a nearly level ray
 would leave its cells too early.
 
-A border's place on the ray is (border - start) / direction, worked out anew for each: nothing adds
-up along the way, and start points far from the origin lose no bit. A block that has none of the
-states in question is passed in one step.
+A border's place on the ray is (border - start) / direction, worked out anew for each, by the
+inverse of the direction: nothing adds up along the way, and start points far from the origin lose
+no bit. A block that has none of the states in question is passed in one step.
 """
 
 from __future__ import annotations
@@ -22,46 +22,59 @@ from oddsmap.kernels.jit import borrowing, inlined
 from oddsmap.kernels.query.state_blocks import BLOCK_BITS, UNKNOWN, StateBlocks
 from oddsmap.kernels.vote.tiles import find
 
-__all__ = ["walk_rays"]
+__all__ = ["ROOM", "walk_rays"]
 
 TOUCH = 2.0**-28
+
+BORDER, PER, TOGETHER, ROOM = 0, 1, 2, 5
+"""Rows of a ray's room, one number per axis in each: where the next border is met, one over the
+direction, and, a row for each axis, how far apart borders of it and of another are met at one
+place; how many rows."""
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
 @inlined
-def _together(apart: float, one: float, other: float) -> bool:
-    # Whether two borders so far apart along a ray are met at one place; speeds along their axes.
-    slow, fast = min(abs(one), abs(other)), max(abs(one), abs(other))
-    return (apart * slow <= TOUCH) & (apart * fast <= 0.5)
-
-
-@inlined
-def _border(cell: int, start: float, way: float) -> float:
-    # Where a ray leaves a cell along one axis.
-    if way == 0.0:
-        return np.inf
-    return (float(cell + (1 if way > 0.0 else 0)) - start) / way
+def _border(cell: int, rises: int, start: float, per: float) -> float:
+    # Where a ray leaves a cell along one axis; never along an axis it is level in.
+    return (float(cell + rises) - start) * per if np.isfinite(per) else np.inf
 
 
 @borrowing
 def _jump(
-    start: FloatArray, way: FloatArray, s: float, axis: int, cell: IntArray, border: FloatArray
+    start: FloatArray, way: FloatArray, s: float, axis: int, cell: IntArray, room: FloatArray
 ) -> None:
     """Go on to a place on the ray that is a border along one axis, over which `cell` already is."""
     for b in range(start.shape[0]):
-        if b != axis and way[b] != 0.0:
-            step = 1 if way[b] > 0.0 else -1
+        rises = 1 if way[b] > 0.0 else 0
+        per = room[PER, b]
+        if b != axis and np.isfinite(per):
+            step = 2 * rises - 1
             at = np.int64(np.floor(start[b] + way[b] * s))
             # Rounding may be off by a cell: the borders themselves decide.
-            if (at - cell[b]) * step > 2:
-                cell[b] = at - 2 * step
-            ahead = _border(cell[b], start[b], way[b])
-            while ahead <= s or _together(ahead - s, way[b], way[axis]):
+            if (at - cell[b]) * step > 1:
+                cell[b] = at - step
+            reached = s + room[TOGETHER + axis, b]
+            while _border(cell[b], rises, start[b], per) <= reached:
                 cell[b] += step
-                ahead = _border(cell[b], start[b], way[b])
-        border[b] = _border(cell[b], start[b], way[b])
+        room[BORDER, b] = _border(cell[b], rises, start[b], per)
+
+
+@borrowing
+def _set_up(start: FloatArray, way: FloatArray, cell: IntArray, room: FloatArray) -> None:
+    """The cell that a ray starts in, and what its steps need."""
+    d = start.shape[0]
+    for a in range(d):
+        first = np.floor(start[a])
+        # A ray that falls from a border begins below it.
+        cell[a] = np.int64(first) - (1 if (first == start[a]) & (way[a] < 0.0) else 0)
+        room[PER, a] = 1.0 / way[a] if way[a] != 0.0 else np.inf
+        room[BORDER, a] = _border(cell[a], 1 if way[a] > 0.0 else 0, start[a], room[PER, a])
+        for b in range(d):
+            slow, fast = min(abs(way[a]), abs(way[b])), max(abs(way[a]), abs(way[b]))
+            near = min(TOUCH / slow, 0.5 / fast) if slow > 0.0 else 0.0
+            room[TOGETHER + a, b] = near
 
 
 @borrowing
@@ -73,7 +86,7 @@ def walk_rays(
     directions: FloatArray,
     reach: float,
     stop: np.uint8,
-    borders: FloatArray,
+    room: FloatArray,
     cells: IntArray,
     distance: FloatArray,
     met: IntArray,
@@ -89,30 +102,30 @@ def walk_rays(
         directions: not zero, shape (n, d).
         reach: how far rays go, in lengths of their directions.
         stop: the states that end a ray.
-        borders: room, shape (2, d).
-        cells: room, shape (2, d).
+        room: shape (ROOM, d).
+        cells: room for two cells, shape (2, d).
         distance: filled where a cell ends the ray: how far it is entered, in lengths of the
             direction, shape (n,).
         met: likewise, the cell, shape (n, d).
         ended: likewise, its state, shape (n,).
     """
     d = origins.shape[1]
-    border, cell, key = borders[0], cells[0], cells[1]
+    cell, key = cells[0], cells[1]
     for ray in range(origins.shape[0]):
         start, way = origins[ray], directions[ray]
+        _set_up(start, way, cell, room)
         end, entry, s = reach, -1, 0.0
         inside = True
-        for a in range(d):
-            first = np.floor(start[a])
-            # A ray that falls from a border begins below it.
-            cell[a] = np.int64(first) - (1 if (first == start[a]) & (way[a] < 0.0) else 0)
-            border[a] = _border(cell[a], start[a], way[a])
-            if stop & UNKNOWN == 0:
-                # Nothing can end it outside the box.
-                if way[a] == 0.0:
+        if stop & UNKNOWN == 0:
+            # Nothing can end it outside the box.
+            for a in range(d):
+                if not np.isfinite(room[PER, a]):
                     inside &= (cell[a] >= lo[a]) & (cell[a] < hi[a])
                 else:
-                    one, other = (lo[a] - start[a]) / way[a], (hi[a] - start[a]) / way[a]
+                    one, other = (
+                        (lo[a] - start[a]) * room[PER, a],
+                        (hi[a] - start[a]) * room[PER, a],
+                    )
                     if min(one, other) > s:
                         entry, s = a, min(one, other)
                     end = min(end, max(one, other))
@@ -120,7 +133,7 @@ def walk_rays(
             continue
         if entry >= 0:
             cell[entry] = lo[entry] if way[entry] > 0.0 else hi[entry] - 1
-            _jump(start, way, s, entry, cell, border)
+            _jump(start, way, s, entry, cell, room)
         slot, known = -1, False
         while s < end:
             same = known
@@ -136,16 +149,16 @@ def walk_rays(
                 # Through the block at once.
                 axis, s = -1, np.inf
                 for a in range(d):
-                    if way[a] != 0.0:
+                    if np.isfinite(room[PER, a]):
                         last = (key[a] + (1 if way[a] > 0.0 else 0)) << BLOCK_BITS
-                        leave = (last - start[a]) / way[a]
+                        leave = (last - start[a]) * room[PER, a]
                         if leave < s:
                             axis, s = a, leave
                 step = 1 if way[axis] > 0.0 else -1
                 cell[axis] = ((key[axis] + (1 if step > 0 else 0)) << BLOCK_BITS) - (
                     0 if step > 0 else 1
                 )
-                _jump(start, way, s, axis, cell, border)
+                _jump(start, way, s, axis, cell, room)
                 continue
             state = blocks.states[slot, place] if slot >= 0 else np.uint8(UNKNOWN)
             if state & stop:
@@ -155,10 +168,11 @@ def walk_rays(
                 break
             axis = 0
             for a in range(1, d):
-                if border[a] < border[axis]:
+                if room[BORDER, a] < room[BORDER, axis]:
                     axis = a
-            s = border[axis]
+            s = room[BORDER, axis]
             for a in range(d):
-                if a == axis or (way[a] != 0.0 and _together(border[a] - s, way[a], way[axis])):
-                    cell[a] += 1 if way[a] > 0.0 else -1
-                    border[a] = _border(cell[a], start[a], way[a])
+                if a == axis or room[BORDER, a] - s <= room[TOGETHER + axis, a]:
+                    rises = 1 if way[a] > 0.0 else 0
+                    cell[a] += 2 * rises - 1
+                    room[BORDER, a] = _border(cell[a], rises, start[a], room[PER, a])
