@@ -154,7 +154,8 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     loaded.region(lo, hi)
     view = loaded.log_odds()
     view.probability((lo, hi))
-    view.log_odds_at(np.stack([lo, hi]))
+    view.at(np.ones((2, grid.ndim)))
+    view.cast_rays(np.ones(grid.ndim), np.eye(grid.ndim), 5.0)
     if grid.lengths is not None:
         grid.cell_lengths()
         loaded.decay_rate().mean((lo, hi))

@@ -105,6 +105,7 @@ FLOORS = (
     ("readers",),
     ("recordings",),
     ("maps",),
+    ("query",),
     ("map_files",),
     ("scans",),
     ("image_file", "poses"),
@@ -115,6 +116,7 @@ FLOORS = (
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 KERNEL_FLOORS = (
+    ("query",),
     ("vote", "infer"),
     ("trace", "octree", "decimals", "lzf", "beam_poses"),
     ("units", "jit"),

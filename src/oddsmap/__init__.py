@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.projection.project import project
+    from oddsmap.query.queries import PointStates
+    from oddsmap.query.ray_caster import RayCaster, RayHits
     from oddsmap.readers import open_log
     from oddsmap.scans.grid_scan import GridScan
     from oddsmap.scans.log import Log
@@ -85,10 +87,13 @@ __all__ = [
     "OnlineFullMap",
     "OutputError",
     "OverheadSensor",
+    "PointStates",
     "Pose2",
     "Pose3",
     "PriorArray",
     "ProbabilityMap",
+    "RayCaster",
+    "RayHits",
     "Reflection",
     "ReflectionMap",
     "Scan",
@@ -139,10 +144,13 @@ _HOME = {
     "OnlineFullMap": "full_map.online",
     "OutputError": "errors",
     "OverheadSensor": "sensors.overhead",
+    "PointStates": "query.queries",
     "Pose2": "poses.pose",
     "Pose3": "poses.pose",
     "PriorArray": "posterior.prior",
     "ProbabilityMap": "maps.probability_map",
+    "RayCaster": "query.ray_caster",
+    "RayHits": "query.ray_caster",
     "Reflection": "posterior.reflection",
     "ReflectionMap": "full_map.reflection_map",
     "Scan": "scans.scan",

@@ -57,6 +57,12 @@ class Given(Belief):
     def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:
         raise NotImplementedError
 
+    def log_odds_at(self, index: npt.ArrayLike) -> FloatArray:
+        raise NotImplementedError
+
+    def observed_at(self, index: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        raise NotImplementedError
+
     def known_log_odds(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
         index = np.stack(np.unravel_index(np.arange(self._log_odds.size), self._log_odds.shape), 1)
         return index[:, ::-1], self._log_odds.ravel()

@@ -30,6 +30,7 @@ from oddsmap.evidence.arithmetic import (
 from oddsmap.evidence.tiles import Census, TileStore
 from oddsmap.kernels.units import ONE, PASSES
 from oddsmap.limits import TILE_SIDE
+from oddsmap.query.places import Placed
 from oddsmap.scans.report import Report
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.registry import Sensor
@@ -41,7 +42,7 @@ __all__ = ["Evidence"]
 _REGION_BYTES = 32
 
 
-class Evidence:
+class Evidence(Placed):
     """Hits and passes of a field of cells; grows in every direction.
 
     Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis.

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.cell_index import cell_box, check_room
+from oddsmap.cell_index import cell_box, cell_indices, check_room
 
-__all__ = ["dense_box", "listed_cells"]
+__all__ = ["cells_at", "dense_box", "listed_cells"]
 
 
 def dense_box(
@@ -45,6 +45,34 @@ def dense_box(
         cell = values[at].reshape(shape)
         full[_cut(first - lo, last - lo)] = cell[_cut(first - begin[at], last - begin[at])]
     return full
+
+
+def cells_at(blocks: IntArray, side: int, index: npt.ArrayLike) -> tuple[IntArray, IntArray]:
+    """Where the values of single cells are in arrays of blocks, as `dense_box` takes them.
+
+    Args:
+        blocks: and side as in `dense_box`.
+        side: see there.
+        index: cells, shape (m, d), x first.
+
+    Returns:
+        block, -1 where there is none, and place of each in it, shape (m,).
+    """
+    d = blocks.shape[1]
+    cells = cell_indices(index, d)
+    place = np.ravel_multi_index(tuple((cells % side).T[::-1]), (side,) * d)
+    if len(blocks) == 0:
+        return np.full(len(cells), -1, np.int64), place.astype(np.int64)
+    # Coordinates as one number each, in a box around all blocks.
+    lo, hi = blocks.min(axis=0), blocks.max(axis=0) + 1
+    shape = tuple(int(n) for n in hi - lo)
+    wanted = cells // side
+    inside = ((wanted >= lo) & (wanted < hi)).all(axis=1)
+    codes = np.ravel_multi_index(tuple((blocks - lo).T), shape)
+    order = np.argsort(codes, kind="stable")
+    code = np.ravel_multi_index(tuple(np.where(inside[:, None], wanted - lo, 0).T), shape)
+    found = order[np.minimum(np.searchsorted(codes[order], code), len(order) - 1)]
+    return np.where(inside & (codes[found] == code), found, -1), place.astype(np.int64)
 
 
 def listed_cells(

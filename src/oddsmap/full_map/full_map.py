@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.config.config import Config
-from oddsmap.full_map.blocks import dense_box, listed_cells
+from oddsmap.full_map.blocks import cells_at, dense_box, listed_cells
 from oddsmap.full_map.store import FullMapFields, read_full_map, save_full_map
 from oddsmap.kernels.infer.cell_status import LISTED, REACHED
 from oddsmap.limits import TILE_SIDE
@@ -135,6 +135,20 @@ class FullMap(Belief):
     def log_odds(self, region: Region | None = None) -> FloatArray:
         """Log odds of a region's cells; the prior's where no beam reached."""
         return self._dense(self.values, self.prior_log_odds, region)
+
+    def log_odds_at(self, index: npt.ArrayLike) -> FloatArray:
+        """Log odds of single cells, shape (n,); the prior's where no beam reached."""
+        block, place = cells_at(self.blocks, self.side, index)
+        if len(self.blocks) == 0:
+            return np.full(len(block), self.prior_log_odds)
+        return np.where(block < 0, self.prior_log_odds, self.values[block, place])
+
+    def observed_at(self, index: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """True for single cells that a beam has seen, shape (n,)."""
+        block, place = cells_at(self.blocks, self.side, index)
+        if len(self.blocks) == 0:
+            return np.zeros(len(block), np.bool_)
+        return np.asarray((block >= 0) & (self.marks[block, place] == REACHED))
 
     def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:
         """True for the cells of a region that a beam has seen."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.config.config import Config
-from oddsmap.full_map.blocks import dense_box, listed_cells
+from oddsmap.full_map.blocks import cells_at, dense_box, listed_cells
 from oddsmap.posterior.reflectivity import BetaView, IntervalKind
 from oddsmap.scans.report import Report
 
@@ -102,6 +102,20 @@ class ReflectionMap(BetaView):
         return (
             dense_box(self.blocks, self.side, self.alpha, self.a, *box),
             dense_box(self.blocks, self.side, self.beta, self.b, *box),
+        )
+
+    def parameters_at(
+        self, index: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+        """Alpha and beta of single cells, and whether a beam has reached them."""
+        block, place = cells_at(self.blocks, self.side, index)
+        nowhere = block < 0
+        if len(self.blocks) == 0:
+            return np.full(len(block), self.a), np.full(len(block), self.b), ~nowhere
+        return (
+            np.where(nowhere, self.a, self.alpha[block, place]),
+            np.where(nowhere, self.b, self.beta[block, place]),
+            ~nowhere & self.reached[block, place],
         )
 
     def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:

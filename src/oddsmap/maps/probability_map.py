@@ -7,23 +7,30 @@ a prior, or something to compare with, never evidence.
 
 from __future__ import annotations
 
+import math
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.cell_index import cell_indices
 from oddsmap.errors import InputError
 from oddsmap.odds import Thresholds
+from oddsmap.query.places import check_places, points_in
+from oddsmap.query.queries import PointStates, Queries
+from oddsmap.query.ray_caster import RayCaster
 from oddsmap.scans.note import Note
 
 __all__ = ["ProbabilityMap", "load_ros"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProbabilityMap:
-    """Probabilities of a rectangle of 2D cells.
+class ProbabilityMap(Queries):
+    """Probabilities of a rectangle of 2D cells, which count from its own corner.
 
     Args:
         probability: p(occupied), shape (ny, nx), row = y ascending, column = x ascending.
@@ -52,6 +59,58 @@ class ProbabilityMap:
             )
         if not 0.0 < self.resolution < float("inf"):
             raise InputError(f"a map needs a positive resolution [m], got {self.resolution}")
+
+    @property
+    def ndim(self) -> int:
+        """2."""
+        return 2
+
+    def cell_of(self, points: npt.ArrayLike) -> IntArray:
+        """The cells that hold points, (0, 0) at `origin`: see `oddsmap.query.places.Placed`."""
+        turn, corner = self._frame()
+        # Rows from the right: by the inverse.
+        return check_places((points_in(points, 2) - corner) @ turn / self.resolution)
+
+    def centre_of(self, cells: npt.ArrayLike) -> FloatArray:
+        """The centres of cells, which count from `origin`: see `oddsmap.query.places.Placed`."""
+        turn, corner = self._frame()
+        centre: FloatArray = (cell_indices(cells, 2) + 0.5) * self.resolution @ turn.T + corner
+        return centre
+
+    def ray_caster(self, *, thresholds: Thresholds | None = None) -> RayCaster:
+        """The states of all cells, to cast rays: see `Queries.ray_caster`."""
+        return RayCaster(self, self._state_parts(thresholds), frame=self._frame())
+
+    def _frame(self) -> tuple[FloatArray, FloatArray]:
+        """map_from_grid: rotation and translation."""
+        if self.yaw == 0.0:
+            return np.eye(2), np.asarray(self.origin, np.float64)
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return np.array([[cos, -sin], [sin, cos]]), np.asarray(self.origin, np.float64)
+
+    def _inside(self, cells: IntArray) -> tuple[npt.NDArray[np.bool_], tuple[IntArray, ...]]:
+        """Which cells the rectangle has, and where these are in its arrays."""
+        shape = np.array(self.probability.shape[::-1])
+        inside = np.all((cells >= 0) & (cells < shape), axis=1)
+        return inside, tuple(cells[inside].T[::-1])
+
+    def _probability_at(self, cells: IntArray) -> FloatArray:
+        p = np.full(len(cells), np.nan)
+        inside, place = self._inside(cells)
+        p[inside] = self.probability[place]
+        return p
+
+    def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates:
+        p, observed = self._probability_at(cells), np.zeros(len(cells), np.bool_)
+        inside, place = self._inside(cells)
+        observed[inside] = self.observed[place]
+        return PointStates(cells, p, (thresholds or Thresholds()).state(p, observed))
+
+    def _state_parts(
+        self, thresholds: Thresholds | None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
+        y, x = np.nonzero(self.observed)
+        yield np.stack([x, y], axis=1), self.state(thresholds=thresholds)[y, x]
 
     def state(self, *, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
         """Decide each cell: values of `State`, shape (ny, nx).

@@ -23,6 +23,7 @@ from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.map_files.fields import LeafPart, OfLogOdds, PointPart
 from oddsmap.map_files.morton import MORTON_BITS, morton
 from oddsmap.odds import State, Thresholds, sigmoid
+from oddsmap.query.queries import PointStates, Queries
 
 if TYPE_CHECKING:
     from oddsmap.map_files.octomap_range import Shift
@@ -38,7 +39,7 @@ _PART = 1 << 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VoxelMap:
+class VoxelMap(Queries):
     """Log odds of 3D cells; one entry, a leaf, may cover a cube of 2^k cells per side.
 
     Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis. Cells
@@ -97,6 +98,11 @@ class VoxelMap:
         }  # fmt: skip
         for name, value in fields.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def ndim(self) -> int:
+        """3."""
+        return 3
 
     @property
     def leaf_count(self) -> int:
@@ -235,6 +241,19 @@ class VoxelMap:
             self.leaf_state(thresholds=thresholds), np.int8(State.UNKNOWN)
         )  # [-1] is the last
         return known[leaf]
+
+    def _probability_at(self, cells: IntArray) -> FloatArray:
+        return np.append(self.probability, np.nan)[self.find(cells)]  # [-1] is the last
+
+    def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates:
+        state = self.state_at(cells, thresholds=thresholds)
+        return PointStates(cells, self._probability_at(cells), state)
+
+    def _state_parts(
+        self, thresholds: Thresholds | None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
+        index, p = self.cells()
+        yield index, (thresholds or Thresholds()).state(p, np.ones(len(p), np.bool_))
 
     def cells(
         self,

@@ -18,6 +18,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.map_files.fields import PlanePart, PointPart
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, sigmoid
+from oddsmap.query.queries import PointStates, Queries
 
 if TYPE_CHECKING:
     import xarray
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Belief", "Region"]
 
 
-class Belief(ABC):
+class Belief(Queries, ABC):
     """p(m_i | z_1:t) of each cell, in 2D or 3D.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -69,6 +70,18 @@ class Belief(ABC):
     @abstractmethod
     def known_log_odds(self) -> tuple[IntArray, FloatArray]:
         """The observed cells: index, shape (n, d), x first, and log odds, shape (n,)."""
+
+    @abstractmethod
+    def log_odds_at(self, index: npt.ArrayLike) -> FloatArray:
+        """Log odds of single cells, shape (n,); the prior's where nothing is known.
+
+        Args:
+            index: cells, shape (n, d), x first.
+        """
+
+    @abstractmethod
+    def observed_at(self, index: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """True for single cells that have been observed, shape (n,); index as in `log_odds_at`."""
 
     @abstractmethod
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -324,6 +337,20 @@ class Belief(ABC):
         from oddsmap.map_files.geotiff import save_geotiff
 
         save_geotiff(self.plane(), Path(path), crs=crs, force=force)
+
+    def _probability_at(self, cells: IntArray) -> FloatArray:
+        return sigmoid(self.log_odds_at(cells))
+
+    def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates:
+        p = sigmoid(self.log_odds_at(cells))
+        state = (thresholds or self.thresholds).state(p, self.observed_at(cells))
+        return PointStates(cells, p, state)
+
+    def _state_parts(
+        self, thresholds: Thresholds | None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
+        limits = thresholds or self.thresholds
+        return self.parts(lambda x: limits.state(sigmoid(x), np.ones(x.shape, np.bool_)))
 
     def _notes(self) -> dict[str, object]:
         """What else a reader of an exported array should know."""

@@ -43,6 +43,7 @@ from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import MapLike, PriorMap
 from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
 from oddsmap.posterior.vote_table import VoteTable
+from oddsmap.query.queries import PointStates
 
 __all__ = ["LogOdds"]
 
@@ -171,6 +172,11 @@ class LogOdds(Belief):
         hits, passes = units_at(self.evidence, index)
         return self.of_votes(hits / ONE, passes / ONE, self.prior_at(index))
 
+    def observed_at(self, index: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+        """True for single cells with any evidence, shape (n,): see `log_odds_at`."""
+        hits, passes = units_at(self.evidence, index)
+        return (hits > 0) | (passes > 0)
+
     def log_odds(self, region: Region | None = None) -> FloatArray:
         """Log odds of a region's cells; the prior's where there is no evidence."""
         lo, hi = self._region(region)
@@ -283,6 +289,19 @@ class LogOdds(Belief):
         index, hits, passes = self.evidence.cells()
         prior = None if self.prior_map is None else self.prior_map.at(index)
         return index, self.of_votes(hits / ONE, passes / ONE, prior)
+
+    def _probability_at(self, cells: IntArray) -> FloatArray:
+        return self._p_of(cells, *self.evidence.tiles.at(cells))
+
+    def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates:
+        hits, passes = self.evidence.tiles.at(cells)
+        p = self._p_of(cells, hits, passes)
+        state = (thresholds or self.thresholds).state(p, (hits | passes) > 0)
+        return PointStates(cells, p, state, hits / ONE, passes / ONE)
+
+    def _p_of(self, cells: IntArray, hits: IntArray, passes: IntArray) -> FloatArray:
+        p: FloatArray = self._of_cells(sigmoid)(hits, passes, partial(np.asarray, cells))
+        return p
 
     def _notes(self) -> dict[str, object]:
         return {"prior": self.prior if self.prior_map is None else "map"}

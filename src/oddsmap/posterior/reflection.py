@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.evidence.evidence import Evidence
+from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.units import ONE
 from oddsmap.posterior.reflectivity import (
     BetaView,
@@ -109,6 +110,13 @@ class Reflection(BetaView):
         """Alpha = a + hits and beta = b + passes of a region's cells."""
         hits, passes = self.evidence.region_units(*self._region(region))
         return self.a + hits / ONE, self.b + passes / ONE
+
+    def parameters_at(
+        self, index: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+        """Alpha and beta of single cells, and whether they have evidence: see `BetaView`."""
+        hits, passes = units_at(self.evidence, index)
+        return self.a + hits / ONE, self.b + passes / ONE, (hits | passes) > 0
 
     def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:
         """True where a region's cells have any evidence."""

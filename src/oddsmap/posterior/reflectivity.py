@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
@@ -23,6 +23,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import State, Thresholds
 from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
+from oddsmap.query.queries import PointStates, Queries
 
 if TYPE_CHECKING:
     from oddsmap.map_files.npz import Column
@@ -45,7 +46,7 @@ def check_beta_prior(a: float, b: float) -> None:
             raise ConfigError(f"the Beta prior's {name} is a weight above 0, got {weight}")
 
 
-class BetaView(ABC):
+class BetaView(Queries, ABC):
     """p(reflectivity | z_1:t) of each cell, a Beta distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -94,6 +95,16 @@ class BetaView(ABC):
     @abstractmethod
     def parameters(self, region: Region | None = None) -> tuple[FloatArray, FloatArray]:
         """Alpha and beta of a region's cells; a and b where nothing is known."""
+
+    @abstractmethod
+    def parameters_at(
+        self, index: npt.ArrayLike
+    ) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+        """Alpha and beta of single cells, and whether anything is known of them, shape (n,) each.
+
+        Args:
+            index: cells, shape (n, d), x first.
+        """
 
     @abstractmethod
     def observed(self, region: Region | None = None) -> npt.NDArray[np.bool_]:
@@ -167,11 +178,36 @@ class BetaView(ABC):
         """
         box = self._region(region)
         lower, upper = self.interval(box)
+        return self._decided(lower, upper, self.observed(box))
+
+    def _decided(
+        self, lower: FloatArray, upper: FloatArray, observed: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.int8]:
         state = np.full(lower.shape, State.UNDECIDED, np.int8)
         state[lower > self.threshold] = State.OCCUPIED
         state[upper < self.threshold] = State.FREE
-        state[~self.observed(box)] = State.UNKNOWN
+        state[~observed] = State.UNKNOWN
         return state
+
+    def _probability_at(self, cells: IntArray) -> FloatArray:
+        return beta_mean(*self.parameters_at(cells)[:2])
+
+    def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates:
+        _no_thresholds(thresholds)
+        alpha, beta, observed = self.parameters_at(cells)
+        lower, upper = self._intervals(alpha, beta)
+        # A surprise may leave less weight than the prior's: that is no count.
+        hits, passes = np.maximum(alpha - self.a, 0.0), np.maximum(beta - self.b, 0.0)
+        state = self._decided(lower, upper, observed)
+        return PointStates(cells, beta_mean(alpha, beta), state, hits, passes, (lower, upper))
+
+    def _state_parts(
+        self, thresholds: Thresholds | None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
+        _no_thresholds(thresholds)
+        index, alpha, beta = self.cells()
+        lower, upper = self._intervals(alpha, beta)
+        yield index, self._decided(lower, upper, np.ones(len(index), np.bool_))
 
     def quantity(self, name: Quantity, region: Region | None = None) -> FloatArray:
         """One of the quantities by its name on the command line.
@@ -330,6 +366,14 @@ def _on_unique_pairs(
         return np.empty((len(function(np.ones(1), np.ones(1))), *alpha.shape))
     values = function(rows[pairs // len(columns)], columns[pairs % len(columns)])
     return values[:, pair].reshape(-1, *alpha.shape)
+
+
+def _no_thresholds(thresholds: Thresholds | None) -> None:
+    if thresholds is not None:
+        raise ConfigError(
+            "a view of reflectivity decides by its interval and its own threshold, not by "
+            "thresholds of probability: give reflection(threshold=, level=)"
+        )
 
 
 def beta_mean(alpha: FloatArray, beta: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ Most tiles of a 3D map never need `wide`, so a cell costs 2 bytes.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ from oddsmap.kernels.units import FRACTION_BITS, HITS, MAX_UNITS, ONE, PASSES
 
 __all__ = [
     "NARROW_MAX",
+    "Hashed",
     "TileArrays",
     "add_tiles",
     "add_units",
@@ -35,6 +36,22 @@ __all__ = [
 NARROW_MAX = 255
 
 TILE_COUNT, WIDE_COUNT, ANY_FULL = 0, 1, 2
+
+
+class Hashed(Protocol):
+    """What `find` and `enter` read of tiles, or of blocks that are kept alike."""
+
+    @property
+    def table(self) -> npt.NDArray[np.int64]:
+        """See `TileArrays`."""
+
+    @property
+    def coords(self) -> npt.NDArray[np.int64]:
+        """Likewise."""
+
+    @property
+    def counts(self) -> npt.NDArray[np.int64]:
+        """Of these, how many tiles are used, first."""
 
 
 class TileArrays(NamedTuple):
@@ -67,7 +84,7 @@ def _hash(key: npt.NDArray[np.int64]) -> np.uint64:
 
 
 @borrowing
-def find(tiles: TileArrays, key: npt.NDArray[np.int64]) -> int:
+def find(tiles: Hashed, key: npt.NDArray[np.int64]) -> int:
     """Slot of the tile at `key` (shape (d,)), or -1."""
     mask = np.uint64(tiles.table.shape[0] - 1)
     at = _hash(key) & mask
@@ -110,7 +127,7 @@ def find_or_insert(tiles: TileArrays, key: npt.NDArray[np.int64]) -> int:
 
 
 @borrowing
-def enter(tiles: TileArrays, first: int) -> None:
+def enter(tiles: Hashed, first: int) -> None:
     """Enter the tiles from a slot on into the table, which has none of them."""
     mask = np.uint64(tiles.table.shape[0] - 1)
     for slot in range(first, tiles.counts[TILE_COUNT]):

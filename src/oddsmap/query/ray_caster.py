@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Rays through the states of cells: the first that ends each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from oddsmap.array_types import BoolArray, FloatArray, IntArray
+from oddsmap.errors import ConfigError, InputError
+from oddsmap.kernels.query.rays import ROOM, walk_rays
+from oddsmap.odds import State
+from oddsmap.query.places import CellGrid, check_places, points_in
+from oddsmap.query.state_blocks import bit_of, fill_blocks
+
+__all__ = ["RayCaster", "RayHits", "Until"]
+
+StateName = Literal["occupied", "unknown", "free", "undecided"]
+Until = StateName | tuple[StateName, ...] | list[StateName]
+
+# A direction may be off by what single precision makes of one.
+_UNIT = 1e-6
+# Rays handed to a thread at a time.
+_BATCH = 1 << 14
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayHits:
+    """What rays met.
+
+    Attributes:
+        distance: from the origin to where the ray enters the cell that ended it [m], shape (n,); 0
+            where that is the cell it starts in, infinity where nothing ended it before max_range.
+        cell: the cell that ended it, shape (n, d), x first; `NO_CELL` in every place where there is
+            none, which is refused wherever cells are taken.
+        ended_by: value of `oddsmap.State` of that cell, shape (n,); `MAX_RANGE` where none is.
+    """
+
+    MAX_RANGE: ClassVar[int] = -2
+    NO_CELL: ClassVar[int] = -(1 << 63)
+
+    distance: FloatArray
+    cell: IntArray
+    ended_by: npt.NDArray[np.int8]
+
+    @property
+    def met(self) -> BoolArray:
+        """True where a cell ended the ray."""
+        return np.isfinite(self.distance)
+
+
+class RayCaster:
+    """The states of a map's cells at one moment, for rays.
+
+    Args:
+        grid: the map.
+        parts: its known cells, some at a time: index, shape (n, d), and state, shape (n,); all
+            others are unknown.
+        frame: where the map's cells count from, if not from the map frame: map_from_grid as
+            rotation, shape (d, d), and translation [m], shape (d,).
+    """
+
+    def __init__(
+        self,
+        grid: CellGrid,
+        parts: Iterable[tuple[IntArray, npt.NDArray[np.int8]]],
+        *,
+        frame: tuple[FloatArray, FloatArray] | None = None,
+    ) -> None:
+        self.ndim, self.resolution = grid.ndim, grid.resolution
+        self._frame = frame
+        self._blocks, self._lo, self._hi = fill_blocks(grid.ndim, parts)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory in use."""
+        return sum(array.nbytes for array in self._blocks)
+
+    def cast(
+        self,
+        origins: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        max_range: float,
+        *,
+        until: Until = "occupied",
+        threads: int = 1,
+    ) -> RayHits:
+        """The first cell that ends each ray: arguments and errors as in `Queries.cast_rays`."""
+        d = self.ndim
+        if not max_range > 0.0:
+            raise ConfigError(f"max_range is a length above 0 [m], got {max_range}")
+        if threads < 1:
+            raise ConfigError(f"threads are at least 1, got {threads}")
+        way = _unit(points_in(directions, d, "directions"))
+        start = np.asarray(origins)
+        start = points_in(start[None] if start.ndim == 1 else start, d, "origins")
+        if len(start) == 1:
+            start = np.broadcast_to(start, way.shape)
+        if len(start) != len(way):
+            raise InputError(
+                f"rays need one origin each or one for all, got {len(start)} origins and "
+                f"{len(way)} directions"
+            )
+        if self._frame is not None:
+            turn, corner = self._frame  # rows from the right: by the inverse
+            start, way = (start - corner) @ turn, way @ turn
+        place, way = np.ascontiguousarray(start / self.resolution), np.ascontiguousarray(way)
+        check_places(place)
+        distance = np.full(len(way), math.inf)
+        cell = np.full(way.shape, RayHits.NO_CELL)
+        ended = np.zeros(len(way), np.uint8)
+        stop = _bits(until)
+
+        def walk(part: slice) -> None:
+            walk_rays(
+                self._blocks, self._lo, self._hi, place[part], way[part],
+                max_range / self.resolution, stop, np.empty((ROOM, d)), np.empty((2, d), np.int64),
+                distance[part], cell[part], ended[part],
+            )  # fmt: skip
+
+        parts = [slice(first, first + _BATCH) for first in range(0, len(way), _BATCH)]
+        if threads == 1:
+            for part in parts:
+                walk(part)
+        else:
+            with ThreadPoolExecutor(threads) as pool:
+                list(pool.map(walk, parts))
+        states = np.full(256, RayHits.MAX_RANGE, np.int8)
+        for state in State:
+            states[bit_of(state)] = state
+        return RayHits(distance * self.resolution, cell, states[ended])
+
+
+def _bits(until: Until) -> np.uint8:
+    names = (until,) if isinstance(until, str) else tuple(until)
+    if not names or not set(names) <= set(get_args(StateName)):
+        known = ", ".join(get_args(StateName))
+        raise ConfigError(f"rays go on until a cell is one or several of {known}; got {until!r}")
+    return np.uint8(sum(bit_of(State[name.upper()]) for name in set(names)))
+
+
+def _unit(directions: FloatArray) -> FloatArray:
+    length = np.linalg.norm(directions, axis=1)
+    wrong = ~(np.abs(length - 1.0) <= _UNIT)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        raise InputError(
+            f"{np.count_nonzero(wrong)} of {len(length)} directions are not of length 1, the first "
+            f"is direction {first}, of length {length[first]:.9g}: divide them by their length"
+        )
+    return directions
