@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from oddsmap.odds import State, Thresholds
     from oddsmap.plausibility.doubts import check_log
     from oddsmap.poses.pose import Pose2, Pose3
+    from oddsmap.poses.trajectory import Trajectory
     from oddsmap.posterior.changes import changed
     from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.projection.project import project
     from oddsmap.readers import open_log
+    from oddsmap.scans.depth_image import DepthScan, PinholeCamera
     from oddsmap.scans.grid_scan import GridScan
     from oddsmap.scans.log import Log
     from oddsmap.scans.scan import Scan
@@ -68,6 +70,7 @@ __all__ = [
     "ConeSensor",
     "ConfigError",
     "DecayRate",
+    "DepthScan",
     "EvidenceMap",
     "ExactPosterior",
     "ForwardModel",
@@ -84,6 +87,7 @@ __all__ = [
     "OnlineFullMap",
     "OutputError",
     "OverheadSensor",
+    "PinholeCamera",
     "Pose2",
     "Pose3",
     "PriorArray",
@@ -93,6 +97,7 @@ __all__ = [
     "Scan",
     "State",
     "Thresholds",
+    "Trajectory",
     "VoxelMap",
     "Window",
     "__version__",
@@ -121,6 +126,7 @@ _HOME = {
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
     "DecayRate": "posterior.decay_rate",
+    "DepthScan": "scans.depth_image",
     "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",
     "ForwardModel": "forward.model",
@@ -137,6 +143,7 @@ _HOME = {
     "OnlineFullMap": "full_map.online",
     "OutputError": "errors",
     "OverheadSensor": "sensors.overhead",
+    "PinholeCamera": "scans.depth_image",
     "Pose2": "poses.pose",
     "Pose3": "poses.pose",
     "PriorArray": "posterior.prior",
@@ -146,6 +153,7 @@ _HOME = {
     "Scan": "scans.scan",
     "State": "odds",
     "Thresholds": "odds",
+    "Trajectory": "poses.trajectory",
     "VoxelMap": "maps.voxel_map",
     "Window": "forward.occupancy_box",
     "add_scans": "integrate.add",
