@@ -87,6 +87,7 @@ def check_unit(directions: FloatArray, ranges: FloatArray) -> None:
         if off.min() >= -_OFF_UNIT and off.max() <= _OFF_UNIT:
             return
         wrong = ~(np.abs(off) <= _OFF_UNIT) & ~(np.isnan(ranges) | (ranges <= 0.0))
+        wrong &= np.isfinite(directions).all(axis=1)  # the others are counted where they are used
     if wrong.any():
         i = int(np.flatnonzero(wrong)[0])
         length = float(np.sqrt((directions[i] ** 2).sum()))
