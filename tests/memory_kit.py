@@ -60,6 +60,21 @@ def lidar() -> list[oddsmap.Scan]:
 
 
 @cache
+def depth_images(folder: Path) -> Callable[[], None]:
+    """Depth images into a map, one by one."""
+    image = np.full((24, 32), 2500, np.uint16)
+
+    def repeat() -> None:
+        camera = oddsmap.PinholeCamera(30.0, 30.0, 15.5, 11.5, width=32, height=24)
+        grid = oddsmap.EvidenceMap(0.1, ndim=3)
+        for i in range(3):
+            pose = np.eye(4)
+            pose[0, 3] = 0.1 * i
+            grid.add(oddsmap.DepthScan.from_depth(pose, image, camera, depth_unit=0.001))
+
+    return repeat
+
+
 def overhead() -> list[oddsmap.GridScan]:
     """Pictures of the floor."""
     camera, plan = simulate.OverheadCamera(), simulate.office_plan()

@@ -34,6 +34,7 @@ WORKLOADS: dict[str, Workload] = {
     "2D, overhead": kit.mapping(kit.overhead),
     "2D, one map": kit.adding,
     "2D, merge and crop": kit.merging,
+    "3D, depth images": kit.depth_images,
     "3D, votes by scan": kit.mapping(kit.turns),
     "3D, votes by beam": kit.mapping(kit.turns, votes="beam", sensor=LIDAR),
     "3D, fading passes": kit.mapping(kit.turns, sensor=FADING),

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from oddsmap.odds import State, Thresholds
     from oddsmap.plausibility.doubts import check_log
     from oddsmap.poses.pose import Pose2, Pose3
+    from oddsmap.poses.trajectory import Trajectory
     from oddsmap.posterior.changes import changed
     from oddsmap.posterior.comparison import compare
     from oddsmap.posterior.decay_rate import DecayRate
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
     from oddsmap.readers import open_log
+    from oddsmap.scans.depth_image import DepthScan, PinholeCamera
     from oddsmap.scans.grid_scan import GridScan
     from oddsmap.scans.log import Log
     from oddsmap.scans.scan import Scan
@@ -71,6 +73,7 @@ __all__ = [
     "ConeSensor",
     "ConfigError",
     "DecayRate",
+    "DepthScan",
     "EvidenceMap",
     "ExactPosterior",
     "ForwardModel",
@@ -87,6 +90,7 @@ __all__ = [
     "OnlineFullMap",
     "OutputError",
     "OverheadSensor",
+    "PinholeCamera",
     "PointStates",
     "Pose2",
     "Pose3",
@@ -99,6 +103,7 @@ __all__ = [
     "Scan",
     "State",
     "Thresholds",
+    "Trajectory",
     "VoxelMap",
     "Window",
     "__version__",
@@ -128,6 +133,7 @@ _HOME = {
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
     "DecayRate": "posterior.decay_rate",
+    "DepthScan": "scans.depth_image",
     "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",
     "ForwardModel": "forward.model",
@@ -144,6 +150,7 @@ _HOME = {
     "OnlineFullMap": "full_map.online",
     "OutputError": "errors",
     "OverheadSensor": "sensors.overhead",
+    "PinholeCamera": "scans.depth_image",
     "PointStates": "query.queries",
     "Pose2": "poses.pose",
     "Pose3": "poses.pose",
@@ -156,6 +163,7 @@ _HOME = {
     "Scan": "scans.scan",
     "State": "odds",
     "Thresholds": "odds",
+    "Trajectory": "poses.trajectory",
     "VoxelMap": "maps.voxel_map",
     "Window": "forward.occupancy_box",
     "add_scans": "integrate.add",

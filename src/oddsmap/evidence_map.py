@@ -9,13 +9,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, ndim_of
+from oddsmap.integrate.add_more import add_more
 from oddsmap.integrate.forgetting import last_stamp
+from oddsmap.scans.given_scans import scans_alone, scans_given
 from oddsmap.scans.log import Log, parts_of
 from oddsmap.scans.measurement import Measurement
+from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor, agreeing, sensor_of_log
 
 if TYPE_CHECKING:
@@ -36,6 +39,43 @@ class EvidenceMap(Evidence):
     A map is `oddsmap.evidence.evidence.Evidence`, whose arguments it takes, with views and files.
     Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis.
     """
+
+    def add(
+        self,
+        scans: Measurement | Iterable[Measurement] | Log,
+        *,
+        sensor: Sensor | None = None,
+        method: str = "rays",
+        threads: int = 1,
+        progress: Callable[[int], None] | None = None,
+    ) -> Report:
+        """Add one scan, some, or a whole log; their order changes no bit.
+
+        Many scans in one call take less time than one by one.
+
+        Args:
+            scans: a scan, some, or a log that `open_log` returned.
+            sensor: the sensor model of these scans; default: the map's.
+            method: as in `build_map`, as are threads and progress.
+            threads: how many threads to use.
+            progress: called with the number of scans done so far.
+
+        Returns:
+            What became of these scans: how many were used, and what was skipped, by reason. The
+            map's `report` counts those of all calls.
+
+        Raises:
+            InputError: what is given holds no scans, one has another dimension than the map, or is
+                of a wide beam and the map's sensor is none.
+            MapTooLargeError: the map, or one scan of it, would not fit in memory.
+        """
+        report = add_more(
+            self, scans, sensor=sensor, method=method, threads=threads, progress=progress
+        )
+        if self.report is None:
+            self.report = Report()
+        self.report.include(report)
+        return report
 
     def log_odds(
         self,
@@ -110,7 +150,7 @@ class EvidenceMap(Evidence):
 
 
 def build_map(
-    log: Log | Iterable[Measurement],
+    log: Log | Measurement | Iterable[Measurement],
     resolution: float,
     *,
     sensor: Sensor | None = None,
@@ -125,7 +165,7 @@ def build_map(
     """Map a log: the whole way from readings to evidence.
 
     Args:
-        log: what `open_log` returns, or any scans.
+        log: what `open_log` returns, any scans, or one.
         resolution: side of a cell [m].
         sensor: the sensor model; by default what the log says about its sensor, which its scans
             know also without it: an `OverheadSensor` for grid scans, a `ConeSensor` where it says
@@ -154,17 +194,18 @@ def build_map(
         ConfigError: a parameter outside its range.
         MapTooLargeError: the map, or one scan of it, would not fit in memory.
     """
+    taken: Any = scans_given(log)
     if half_life is not None and t_ref_ns is None:
-        log = list(log) if isinstance(log, Iterator) else log
-        t_ref_ns = last_stamp(log)
+        taken = list(taken) if isinstance(taken, Iterator) else taken
+        t_ref_ns = last_stamp(taken)
     # Sensors that state different things are one model each; whoever gives the sensor has decided.
-    log, *others = parts_of(log) if sensor is None else [log]
-    scans = iter(log)
+    taken, *others = parts_of(taken) if sensor is None else [taken]
+    scans = scans_alone(taken)
     first = next(scans, None)
     ahead = scans if first is None else chain([first], scans)
     if sensor is None:
-        sensor = sensor_of_log(log, first=first)
-        if not hasattr(log, "sensor"):
+        sensor = sensor_of_log(taken, first=first)
+        if not hasattr(taken, "sensor"):
             ahead = agreeing(ahead, getattr(first, "stated", {}))
     ndim = ndim_of(first)
     evidence = EvidenceMap(
@@ -172,7 +213,7 @@ def build_map(
         path_lengths=path_lengths, sensor=sensor, ndim=ndim,
     )  # fmt: skip
     evidence.report = add_log(
-        evidence, log, scans=ahead, method=method, threads=threads, progress=progress
+        evidence, taken, scans=ahead, method=method, threads=threads, progress=progress
     )
     for part in others:
         report = add_log(

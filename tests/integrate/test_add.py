@@ -136,6 +136,7 @@ def test_moving_the_world_by_whole_cells_moves_the_map(
                 ),
                 np.round(scan.directions * 256) / 256,
                 np.round(scan.ranges * 256) / 256,
+                trusted=True,
             )
             for scan in random_scans(seed, 4)
             if isinstance(scan.map_from_sensor, Pose2)

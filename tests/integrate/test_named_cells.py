@@ -164,7 +164,8 @@ def test_moving_the_world_by_whole_cells_moves_the_map(
             pose = Pose2(float(x) + dx * 0.125, float(y) + dy * 0.125, 0.0)
             # Few bits: positions stay exact 10^8 cells away.
             ranges = np.round(scan.ranges * 256) / 256
-            moved.append(Scan(pose, np.round(scan.directions * 256) / 256, ranges))
+            directions = np.round(scan.directions * 256) / 256
+            moved.append(Scan(pose, directions, ranges, trusted=True))
         return votes_of(mapped(moved, kind))
 
     want = {(x + shift[0], y + shift[1]): vote for (x, y), vote in votes(0, 0).items()}

@@ -63,7 +63,7 @@ def test_what_is_no_return_is_left_out_unless_all_are() -> None:
 
 
 def test_scans_without_a_pose_are_left_out() -> None:
-    nowhere = Scan(Pose2(math.nan, 0.0, 0.0), np.ones((1, 2)), np.ones(1))
+    nowhere = Scan(Pose2(math.nan, 0.0, 0.0), np.array([[1.0, 0.0]]), np.ones(1))
     assert sample_of([nowhere]).glances == []
     assert check_log([]) == ()
 

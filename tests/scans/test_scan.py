@@ -40,5 +40,7 @@ def test_points_without_a_distance() -> None:
 
 
 def test_points_of_another_shape() -> None:
-    with pytest.raises(InputError, match=r"points of a scan have shape \(n, 3\), got \(4, 2\)"):
+    with pytest.raises(
+        InputError, match=r"points of a scan have shape \(n, 3\) with a 3D pose, got \(4, 2\)"
+    ):
         Scan.from_points(HERE, np.ones((4, 2)))

@@ -138,7 +138,7 @@ def test_bit_for_bit(data: st.DataObject, sensor: BeamSensor, d: int, shared: bo
         if d == 3:
             q = rng.normal(size=4)
             pose = Pose3.from_quaternion_xyzw(rng.normal(size=3) * 10, q / np.linalg.norm(q))
-        scans.append(Scan(pose, directions, ranges))
+        scans.append(Scan(pose, directions, ranges, trusted=True))
     got, skipped = sensor.segments(scans)
     want = naive.segments(sensor, scans)
     fades = naive.fades(sensor, scans)

@@ -213,11 +213,11 @@ def test_what_is_left_out_is_counted() -> None:
     ranges = np.array([np.nan, -np.inf, 0.4, 5.0, 7.0, np.inf, 2.0])
     axes[6, 0] = np.nan
     scans = [
-        Scan(Pose2(0.0, 0.0, 0.0), axes, ranges),
-        Scan(Pose2(math.nan, 0.0, 0.0), axes, ranges),
-        Scan(Pose2(1e300, 0.0, 0.0), axes, ranges),
-        Scan(Pose2(0.0, 0.0, 0.0), axes[:1], ranges[:1]),
-        Scan(Pose2(0.0, 0.0, 0.0), axes[:0], ranges[:0]),
+        Scan(Pose2(0.0, 0.0, 0.0), axes, ranges, trusted=True),
+        Scan(Pose2(math.nan, 0.0, 0.0), axes, ranges, trusted=True),
+        Scan(Pose2(1e300, 0.0, 0.0), axes, ranges, trusted=True),
+        Scan(Pose2(0.0, 0.0, 0.0), axes[:1], ranges[:1], trusted=True),
+        Scan(Pose2(0.0, 0.0, 0.0), axes[:0], ranges[:0], trusted=True),
     ]
     parts, skipped = sensor.votes(scans, 0.1)
     assert [(len(part.offsets) - 1, part.beams) for part in parts] == [(1, 1)]

@@ -75,7 +75,7 @@ def _scan_of(scan: Placed) -> Scan:
         return Scan.from_points(scan.pose, scan.points)
     ranges = np.hypot(scan.points[:, 0], scan.points[:, 1])
     seen = ranges > 0.0
-    return Scan(scan.pose, scan.points[seen] / ranges[seen, None], ranges[seen])
+    return Scan(scan.pose, scan.points[seen] / ranges[seen, None], ranges[seen], trusted=True)
 
 
 def _count(known: EvidenceMap, scan: Placed, counts: FloatArray) -> None:

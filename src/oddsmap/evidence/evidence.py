@@ -19,7 +19,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.cell_index import box_cells, cell_box, cell_indices, check_room
 from oddsmap.config.config import Config, MapConfig, PosteriorConfig
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import ConfigError, InputError, shown
 from oddsmap.evidence.arithmetic import (
     check_same_kind,
     coarser,
@@ -79,9 +79,15 @@ class Evidence(Placed):
         tile_side: int | None = None,
     ) -> None:
         sensor = sensor or BeamSensor()
+        try:
+            side = float(resolution)
+        except (TypeError, ValueError):
+            raise ConfigError(
+                f"map.resolution is the side of a cell [m], got {shown(resolution)}"
+            ) from None
         self.config = Config(
             map=MapConfig(
-                resolution=float(resolution),
+                resolution=side,
                 votes=votes or sensor.default_votes,
                 half_life=half_life,
                 t_ref_ns=t_ref_ns,

@@ -13,6 +13,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.evidence.evidence import Evidence
@@ -20,13 +21,14 @@ from oddsmap.integrate.threads import WorkerPool
 from oddsmap.integrate.toy_map import compile_kernels
 from oddsmap.limits import memory_for
 from oddsmap.scans.depth_image import DepthScan
+from oddsmap.scans.given_scans import scans_alone, scans_given
 from oddsmap.scans.grid_scan import GridScan
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor, settings_of
 
-__all__ = ["add_log", "add_scans", "ndim_of"]
+__all__ = ["add_log", "add_scans", "facts_of", "ndim_of"]
 
 
 def add_log(
@@ -64,24 +66,23 @@ def add_log(
         scans=report.scans,
         beams=report.beams,
         skipped=dict(report.skipped),
-        sensor=settings_of(used),
-        method=method,
-        **_forgets(evidence),
+        **facts_of(evidence, used, method),
     )
     return report
 
 
-def _forgets(evidence: Evidence) -> dict[str, float | int | None]:
-    """How fast the evidence of a map fades, and from when."""
+def facts_of(evidence: Evidence, sensor: Sensor, method: str) -> dict[str, Any]:
+    """What the provenance says of how scans were added."""
+    facts = {"sensor": settings_of(sensor), "method": method}
     own = evidence.config.map
     if own.half_life is None:
-        return {}
-    return {"half_life": own.half_life, "t_ref_ns": own.t_ref_ns}
+        return facts
+    return {**facts, "half_life": own.half_life, "t_ref_ns": own.t_ref_ns}
 
 
 def add_scans(
     evidence: Evidence,
-    scans: Iterable[Measurement],
+    scans: Measurement | Iterable[Measurement],
     *,
     sensor: Sensor | None = None,
     method: str = "rays",
@@ -96,10 +97,11 @@ def add_scans(
     if threads < 1:
         raise ConfigError(f"threads: at least 1 is needed, got {threads}")
     sensor = sensor or evidence.sensor
+    given: Iterable[Measurement] = scans_given(scans)
     with memory_for("what the scans need", "use a coarser resolution, a range_max, fewer threads"):
         workers = WorkerPool(evidence, sensor, threads, method)
         report = Report(compile_s=compile_kernels(evidence, sensor, method))
-        for scan_count, beam_count, skipped in workers.run(_warn_of_no_returns(scans, sensor)):
+        for scan_count, beam_count, skipped in workers.run(_warn_of_no_returns(given, sensor)):
             report.add(scan_count, beam_count, skipped)
             if progress is not None:
                 skipped_scans = sum(
@@ -112,7 +114,7 @@ def add_scans(
 
 def _warn_of_no_returns(scans: Iterable[Measurement], sensor: Sensor) -> Iterator[Measurement]:
     """The scans; warns where they know what a no-return looks like and the sensor does not."""
-    rest = iter(scans)
+    rest = scans_alone(scans)
     for first in rest:
         written = getattr(first, "stated", {}).get("range_max")
         if written is not None and getattr(sensor, "range_max", written) is None:

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
-from oddsmap.errors import InputError
+from oddsmap.errors import InputError, shown
 from oddsmap.poses.product import product
 
 __all__ = ["Pose", "Pose2", "Pose3", "quaternion_xyzw"]
@@ -31,6 +31,24 @@ class Pose2:
     x: float
     y: float
     theta: float
+
+    @classmethod
+    def from_matrix(cls, matrix: npt.ArrayLike) -> Pose2:
+        """Read a 2 x 3 or 3 x 3 matrix [R | t]; t in metres.
+
+        Raises:
+            InputError: another shape, or R is scaled, sheared or left-handed.
+        """
+        rows = np.asarray(matrix, dtype=np.float64)
+        if rows.shape not in ((2, 3), (3, 3)):
+            raise InputError(
+                f"a pose in the plane needs a matrix of 2 x 3 or 3 x 3, got shape {rows.shape}"
+            )
+        turn, (x, y) = rows[:2, :2], rows[:2, 2].tolist()
+        if not np.isfinite(turn).all():
+            return cls(x, y, math.nan)
+        _check_rotation(turn)
+        return cls(x, y, math.atan2(turn[1, 0], turn[0, 0]))
 
     @property
     def translation(self) -> FloatArray:
@@ -72,6 +90,14 @@ class Pose3:
     rotation: FloatArray
     translation: FloatArray
 
+    def __post_init__(self) -> None:
+        shapes = np.shape(self.rotation), np.shape(self.translation)
+        if shapes != ((3, 3), (3,)):
+            raise InputError(
+                "a Pose3 is made of a rotation (3, 3) and a translation (3,), in this order, got "
+                f"shapes {shapes[0]} and {shapes[1]}"
+            )
+
     @classmethod
     def from_matrix(cls, matrix: npt.ArrayLike) -> Pose3:
         """Read a 3 x 4 or 4 x 4 matrix [R | t], row-major.
@@ -90,6 +116,31 @@ class Pose3:
         if np.isfinite(rotation).all():
             _check_rotation(rotation)
         return cls(rotation, translation)
+
+    @classmethod
+    def from_quaternion(
+        cls,
+        position: npt.ArrayLike,
+        *,
+        xyzw: npt.ArrayLike | None = None,
+        wxyz: npt.ArrayLike | None = None,
+    ) -> Pose3:
+        """Build a pose from a position and a unit quaternion, whose order is named.
+
+        Args:
+            position: position [m], shape (3,).
+            xyzw: the quaternion as (x, y, z, w): ROS, scipy, TUM files.
+            wxyz: the quaternion as (w, x, y, z): Eigen's constructor, nuScenes, MuJoCo.
+
+        Raises:
+            InputError: neither or both are given, a shape is another, or the quaternion's norm
+                differs from 1 by more than 1e-3.
+        """
+        if (xyzw is None) == (wxyz is None):
+            raise InputError("a rotation needs one quaternion, xyzw= or wxyz=")
+        name, given = ("xyzw", xyzw) if wxyz is None else ("wxyz", wxyz)
+        found = [_numbers(position, 3, "position"), _numbers(given, 4, name)]
+        return cls.from_quaternion_xyzw(found[0], np.roll(found[1], 0 if wxyz is None else -1))
 
     @classmethod
     def from_quaternion_xyzw(cls, translation: npt.ArrayLike, xyzw: npt.ArrayLike) -> Pose3:
@@ -163,8 +214,18 @@ def quaternion_xyzw(rotation: FloatArray) -> tuple[float, float, float, float]:
     return q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm
 
 
+def _numbers(given: object, n: int, name: str) -> FloatArray:
+    try:
+        values = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} is {n} numbers, got {shown(given)}") from None
+    if values.shape != (n,):
+        raise InputError(f"{name} is {n} numbers, got shape {values.shape}")
+    return values
+
+
 def _check_rotation(rotation: FloatArray) -> None:
-    scale = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    scale = float(np.abs(rotation @ rotation.T - np.eye(len(rotation))).max())
     if scale > _ROTATION_TOLERANCE:
         raise InputError(
             f"a rotation matrix is not orthonormal (off by {scale:.3g}): scaled or sheared poses "

@@ -45,6 +45,11 @@ class Trajectory:
     _order: npt.NDArray[np.intp] | None = field(init=False, repr=False, default=None)
 
     def __post_init__(self) -> None:
+        for name, kind in (("positions", np.float64), ("rotations", np.float64)):
+            if not isinstance(getattr(self, name), np.ndarray):
+                object.__setattr__(self, name, np.asarray(getattr(self, name), kind))
+        if self.stamps_ns is not None and not isinstance(self.stamps_ns, np.ndarray):
+            object.__setattr__(self, "stamps_ns", np.asarray(self.stamps_ns))
         n = len(self.positions)
         if n == 0:
             raise InputError(f"{self.path}: no poses: check how the file was written")

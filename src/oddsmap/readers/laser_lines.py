@@ -22,7 +22,13 @@ MAX_BAD_LINES_KEPT = 5
 def to_scan(line: LaserLine, map_from_sensor: Pose2 | None = None) -> Scan:
     """The scan of a line, from the pose that it states or from another."""
     directions = beam_directions(line.start, line.step, len(line.ranges))
-    return Scan(map_from_sensor or line.map_from_sensor, directions, line.ranges, line.stamp_ns)
+    return Scan(
+        map_from_sensor or line.map_from_sensor,
+        directions,
+        line.ranges,
+        line.stamp_ns,
+        trusted=True,
+    )
 
 
 def find_range_max(lines: Sequence[LaserLine], notes: list[Note]) -> float | None:

@@ -132,9 +132,9 @@ def _scan(laser: LaserScan2D, body: Trajectory, tolerance_ns: int, flat: bool) -
     c, s = np.cos(laser.angles), np.sin(laser.angles)
     if not flat:
         directions = np.stack([c, s, np.zeros(len(c))], axis=1)
-        return Scan(pose, directions, laser.ranges, laser.stamp_ns)
+        return Scan(pose, directions, laser.ranges, laser.stamp_ns, trusted=True)
     x, y, _ = pose.translation.tolist()
     heading = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
     upright = 1.0 if pose.rotation[2, 2] > 0.0 else -1.0
     directions = np.stack([c, upright * s], axis=1)
-    return Scan(Pose2(x, y, heading), directions, laser.ranges, laser.stamp_ns)
+    return Scan(Pose2(x, y, heading), directions, laser.ranges, laser.stamp_ns, trusted=True)

@@ -265,8 +265,8 @@ class RecordedLog:
             if lean > math.sin(_LEANS):
                 self._leaning.append(lean)
             flat, directions = _in_the_plane(pose, beams.directions)
-            return Scan(flat, directions, beams.ranges, stamp, beam_times_ns=times)
-        return Scan(pose, beams.directions, beams.ranges, stamp, beam_times_ns=times)
+            return Scan(flat, directions, beams.ranges, stamp, beam_times_ns=times, trusted=True)
+        return Scan(pose, beams.directions, beams.ranges, stamp, beam_times_ns=times, trusted=True)
 
 
 def _in_the_plane(pose: Pose3, directions: FloatArray) -> tuple[Pose2, FloatArray]:

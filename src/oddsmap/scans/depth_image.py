@@ -13,17 +13,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.poses.given_pose import PoseLike, pose_of
 from oddsmap.poses.pose import Pose3
+from oddsmap.scans.given_stamp import Seconds, stamp_of
+from oddsmap.scans.readings import numbers
 from oddsmap.scans.scan import Scan
 
-__all__ = ["DepthScan", "PinholeCamera"]
+__all__ = ["CameraLike", "DepthScan", "PinholeCamera", "camera_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +80,56 @@ class PinholeCamera:
         return _rays(self).lengths
 
 
+CameraLike: TypeAlias = PinholeCamera | npt.ArrayLike
+"""Intrinsics: a `PinholeCamera`, the 3 x 3 matrix K, or (fx, fy, cx, cy) [pixels]."""
+
+
+def camera_of(given: CameraLike, height: int, width: int) -> PinholeCamera:
+    """The intrinsics that are meant, of an image of this size.
+
+    Raises:
+        InputError: they are in none of the forms of `CameraLike`.
+    """
+    if isinstance(given, PinholeCamera):
+        return given
+    values = numbers(given, "camera")
+    if values.shape == (3, 3):
+        (fx, skew, cx), (low, fy, cy), last = values.tolist()
+        if skew or low or last != [0.0, 0.0, 1.0]:
+            raise InputError(
+                f"the camera matrix is fx 0 cx, 0 fy cy, 0 0 1; got {values.tolist()}: an image "
+                "that is distorted or skewed has to be rectified first"
+            )
+    elif values.shape == (4,):
+        fx, fy, cx, cy = values.tolist()
+    else:
+        raise InputError(
+            "a camera is a PinholeCamera, a matrix of 3 x 3 or (fx, fy, cx, cy), got numbers of "
+            f"shape {values.shape}"
+        )
+    return PinholeCamera(fx, fy, cx, cy, width, height)
+
+
+def _in_space(pose: PoseLike) -> Pose3:
+    where = pose_of(pose)
+    if not isinstance(where, Pose3):
+        raise InputError(
+            "a depth image needs the pose of its camera in space, a 4 x 4 matrix or a Pose3, got "
+            "one in the plane"
+        )
+    return where
+
+
+def _check_metres(depth: npt.ArrayLike) -> None:
+    """Refuse an image of integers, which count steps."""
+    dtype = np.asarray(depth).dtype
+    if dtype.kind in "biu":
+        raise InputError(
+            f"a depth image of {dtype} needs depth_unit, the metres of one step: "
+            "DepthScan.from_depth(..., depth_unit=0.001) for millimetres"
+        )
+
+
 class _Rays(NamedTuple):
     points: FloatArray
     """Where the rays are at depth 1, row by row, shape (h * w, 3)."""
@@ -105,18 +158,19 @@ class DepthScan:
 
     Args:
         map_from_sensor: pose of the optical frame in the map frame.
-        depth: distance along z [m], shape (h, w), float32. 0, negative, NaN and infinite pixels
-            carry no information.
+        depth: distance along z [m], shape (h, w), floats. 0, negative, NaN
+            and infinite pixels carry no information.
         camera: the intrinsics.
         stamp_ns: time of the image [ns], or None where the log has none to trust.
         sensor_id: which of the log's sensors made it: a key of `Log.sensors`.
 
     Raises:
-        InputError: the image has another size than the intrinsics are for.
+        InputError: the image has another size than the intrinsics are for, holds integers, or the
+            pose is none in space.
     """
 
     map_from_sensor: Pose3
-    depth: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.floating[Any]]
     camera: PinholeCamera
     stamp_ns: int | None = None
     sensor_id: str = ""
@@ -124,12 +178,68 @@ class DepthScan:
     """What its log states about the sensor, by the names of the configuration; logs set it."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "map_from_sensor", _in_space(self.map_from_sensor))
+        if not isinstance(self.depth, np.ndarray) or self.depth.dtype.kind != "f":
+            _check_metres(self.depth)
+            object.__setattr__(self, "depth", numbers(self.depth, "depth"))
         if self.depth.shape != (self.camera.height, self.camera.width):
             size = " x ".join(str(n) for n in self.depth.shape[::-1])
             raise InputError(
                 f"the depth image is {size} pixels, the intrinsics are for "
                 f"{self.camera.width} x {self.camera.height}: give the camera of this image"
             )
+
+    @classmethod
+    def from_depth(
+        cls,
+        pose: PoseLike,
+        depth: npt.ArrayLike,
+        camera: CameraLike,
+        *,
+        depth_unit: float | None = None,
+        stamp: object = None,
+        stamp_s: Seconds | None = None,
+        stamp_ns: int | None = None,
+        sensor_id: str = "",
+    ) -> DepthScan:
+        """Take a depth image as cameras give it.
+
+        Args:
+            pose: of the optical frame (x right, y down, z forward) in the map frame, in space: in
+                any form of `oddsmap.poses.given_pose.PoseLike`.
+            depth: distance along z, shape (h, w). 0, negative, NaN and infinite pixels carry no
+                information.
+            camera: a `PinholeCamera`, the 3 x 3 matrix K, or (fx, fy, cx, cy) [pixels].
+            depth_unit: metres for each step of `depth`: 0.001 for millimetres. Floats are metres
+                by default; images of integers need it.
+
+        Other Args:
+            stamp: as in `Scan.from_angles`.
+            stamp_s: time of the image [s].
+            stamp_ns: time of the image [ns].
+            sensor_id: which of several sensors made it.
+
+        Raises:
+            InputError: a shape, a pose, a camera or a stamp is none of these, or nothing says what
+                the integers of an image mean.
+            ConfigError: the camera has a focal length of 0.
+        """
+        if depth_unit is None:
+            _check_metres(depth)
+        elif not 0.0 < depth_unit < math.inf:
+            raise InputError(f"depth_unit is the metres of one step, above 0, got {depth_unit}")
+        image = numbers(depth, "depth")
+        if image.ndim != 2:
+            raise InputError(f"a depth image has shape (h, w), got {image.shape}")
+        with np.errstate(over="ignore"):
+            image = image * (1.0 if depth_unit is None else depth_unit)
+        return cls(
+            _in_space(pose),
+            image,
+            camera_of(camera, *image.shape),
+            stamp_of(stamp, stamp_s, stamp_ns),
+            sensor_id,
+        )
 
     @property
     def size(self) -> int:
@@ -149,6 +259,7 @@ class DepthScan:
             ranges.ravel(),
             self.stamp_ns,
             sensor_id=self.sensor_id,
+            trusted=True,
         )
         with np.errstate(invalid="ignore"):  # depths that are infinite, at x = 0
             points = _rays(self.camera).points * depth.reshape(-1, 1)

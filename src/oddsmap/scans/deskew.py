@@ -73,6 +73,7 @@ def deskew(
         sensor_id=scan.sensor_id,
         beam_times_ns=times[order],
         beam_origins=places.take(whose, axis=0),
+        trusted=True,
     )
     object.__setattr__(moved, "own_vectors", own.take(order, axis=0))
     if scan.measured_points is not None:

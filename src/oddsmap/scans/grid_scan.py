@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.errors import InputError
+from oddsmap.poses.given_pose import pose_of
 from oddsmap.poses.pose import Pose2
 
 __all__ = ["GridScan"]
@@ -21,7 +22,8 @@ class GridScan:
     """One z_t of a sensor that sees cells: a grid of labels or probabilities, at a pose.
 
     Args:
-        map_from_sensor: pose of the sensor in the map frame.
+        map_from_sensor: pose of the sensor in the map frame, in any form of
+            `oddsmap.poses.given_pose.PoseLike`.
         seen: what each pixel says, shape (h, w), rows = y (left) of the sensor ascending, columns =
             x (forward). 1: seen occupied, 0: seen free, NaN: not seen; in between: the detector's
             probability that the place is occupied, at prior 1/2. Labels may be whole numbers or
@@ -32,8 +34,8 @@ class GridScan:
         sensor_id: which of the log's sensors made it: a key of `Log.sensors`.
 
     Raises:
-        InputError: another shape, values outside [0, 1], a side that is not positive or a corner
-            that is not finite.
+        InputError: another shape, values outside [0, 1], a side that is not positive, a corner
+            that is not finite, or no pose in the plane.
     """
 
     map_from_sensor: Pose2
@@ -44,6 +46,10 @@ class GridScan:
     sensor_id: str = ""
 
     def __post_init__(self) -> None:
+        where = pose_of(self.map_from_sensor)
+        if not isinstance(where, Pose2):
+            raise InputError("a grid scan needs a pose in the plane, (x, y, yaw), got one in space")
+        object.__setattr__(self, "map_from_sensor", where)
         seen = np.asarray(self.seen)
         if seen.ndim != 2 or seen.size == 0 or seen.dtype.kind not in "biuf":
             raise InputError(

@@ -109,7 +109,7 @@ class Lidar2D:
         ranges[ranges >= self.range_max] = np.inf
         ranges = np.where(case < self.p_dropout + self.p_random, anything, ranges)
         ranges = np.where(case < self.p_dropout, np.inf, ranges)
-        return Scan(pose, self.directions, np.maximum(ranges, _SHORTEST), stamp_ns)
+        return Scan(pose, self.directions, np.maximum(ranges, _SHORTEST), stamp_ns, trusted=True)
 
 
 def _check(lidar: Lidar2D) -> None:

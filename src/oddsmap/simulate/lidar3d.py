@@ -97,8 +97,8 @@ class Lidar3D:
         ranges = np.maximum(ranges, _SHORTEST)
         if returns_only:
             seen = np.isfinite(ranges)
-            return Scan(pose, self.directions[seen], ranges[seen], stamp_ns)
-        return Scan(pose, self.directions, ranges, stamp_ns)
+            return Scan(pose, self.directions[seen], ranges[seen], stamp_ns, trusted=True)
+        return Scan(pose, self.directions, ranges, stamp_ns, trusted=True)
 
     def sweep(
         self,
@@ -147,6 +147,7 @@ class Lidar3D:
             np.maximum(ranges, _SHORTEST).ravel(),
             stamp_ns,
             beam_times_ns=times,
+            trusted=True,
         )
 
 
