@@ -227,6 +227,21 @@ def diagnosing(_: Path) -> Repeat:
     return partial(oddsmap.diagnose, [*lidar()][:12])
 
 
+def asking(grid: Callable[[], Any]) -> Workload:
+    """Points and rays, of a view as it stands and as a caster keeps it."""
+
+    def repeat() -> None:
+        view = grid().log_odds()
+        points = np.random.default_rng(0).uniform(-3.0, 3.0, (200, grid().ndim))
+        ways = points / np.linalg.norm(points, axis=1)[:, None]
+        view.at(points)
+        view.states_at(points)
+        view.cast_rays(np.zeros_like(points), ways, 5.0, threads=2)
+        view.ray_caster().cast(np.zeros_like(points), ways, 5.0)
+
+    return lambda _: repeat
+
+
 def evaluating(_: Path) -> Repeat:
     p = np.random.default_rng(0).random((400, 400))
     return partial(oddsmap.evaluate, p, p > 0.4)

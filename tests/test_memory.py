@@ -64,6 +64,8 @@ WORKLOADS: dict[str, Workload] = {
     "score of a view": kit.scoring(kit.view, lambda: kit.lidar()[:5], LIDAR),
     "doubts of a log": kit.doubting,
     "diagnosis of a log": kit.diagnosing,
+    "questions in 2D": kit.asking(kit.plane),
+    "questions in 3D": kit.asking(kit.room),
     "evaluation": kit.evaluating,
     "exact posterior": kit.exact,
     "views": files_kit.views,

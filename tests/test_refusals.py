@@ -52,7 +52,7 @@ def test_reflectivity_counted_under_cones_is_warned_of() -> None:
 def test_only_evidence_adds_up() -> None:
     grid = EvidenceMap(0.1)
     for other in (grid.log_odds(), 3):
-        with pytest.raises(InputError, match="only evidence adds up"):
+        with pytest.raises(InputError, match="only evidence is added"):
             grid.merge(other)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"give grid\.log_odds\(\)"):
         oddsmap.changed(grid, grid)  # type: ignore[arg-type]

@@ -272,7 +272,7 @@ def test_a_rotation_of_few_digits_is_one() -> None:
     assert np.abs(np.linalg.norm(beams.directions, axis=1) - 1.0).max() < 1e-12
     assert beams.directions[0] == pytest.approx([c, s, 0.0], abs=1e-4)
     with pytest.raises(InputError, match="a unit vector"):
-        Beams.from_scans([Scan(pose, 1.01 * np.eye(3), np.ones(3))])
+        Beams.from_scans([Scan(pose, 1.01 * np.eye(3), np.ones(3), trusted=True)])
 
 
 @pytest.mark.parametrize("box", [((5, 5), (0, 0)), ((0, 0, 0), (1, 1, 1))])
