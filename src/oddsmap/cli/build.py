@@ -10,28 +10,14 @@ import typer
 
 from oddsmap.cli.build_plan import BuildPlan, MapSettings
 from oddsmap.cli.doubts import doubts_of_settings
-from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
+from oddsmap.cli.log_options import LogOptions, takes_log_options
 from oddsmap.cli.mapping import make_map
 from oddsmap.cli.opened_logs import open_logs
 from oddsmap.cli.options import (
-    BodyFromSensor,
-    Camera,
-    ClockOffset,
-    Columns,
-    DepthScale,
-    Deskew,
-    Frame,
-    Origin,
-    PointsIn,
-    Poses,
     Quiet,
     Resolution,
-    Scans,
     Settings,
-    SkipBad,
     Threads,
-    Times,
-    Tolerance,
     Verbose,
     config_option,
     force_option,
@@ -68,7 +54,9 @@ Reads {formats}: by their content, whatever they are called. docs/formats.md say
 """
 
 
+@takes_log_options
 def build(
+    *,
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG...", help="A log file, or a folder of scans.")
     ],
@@ -119,19 +107,7 @@ def build(
         int | None,
         typer.Option(metavar="N", min=1, help="full-map: the most sweeps, by default 40."),
     ] = None,
-    poses: Poses = None,
-    times: Times = None,
-    tolerance: Tolerance = None,
-    scans: Scans = None,
-    frame: Frame = None,
-    clock_offset: ClockOffset = 0.0,
-    deskew: Deskew = "auto",
-    extrinsics: BodyFromSensor = None,
-    camera: Camera = None,
-    points_in: PointsIn = None,
-    origin: Origin = None,
-    columns: Columns = None,
-    depth_scale: DepthScale = None,
+    log_options: LogOptions,
     config: Annotated[
         Path | None, config_option("sections map, sensor, posterior and full_map")
     ] = None,
@@ -143,7 +119,6 @@ def build(
             help="Keep this share of scans back, to score by: 0.1 is each tenth; by default none.",
         ),
     ] = None,
-    skip_bad: SkipBad = False,
     force: Annotated[bool, force_option("an existing map")] = False,
     as_json: Annotated[bool, json_option("the summary")] = False,
     quiet: Quiet = False,
@@ -153,22 +128,7 @@ def build(
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     plan = BuildPlan(
         logs=logs,
-        log_options=LogOptions(
-            poses=poses,
-            times=times,
-            tolerance=tolerance,
-            scans=tuple(scans or ()),
-            frame=frame,
-            clock_offset=clock_offset,
-            deskew=deskew,
-            extrinsics=read_extrinsics(extrinsics),
-            camera=read_camera(camera),
-            depth_scale=depth_scale,
-            skip_bad=skip_bad,
-            points_in=points_in,
-            origin=origin,
-            columns=columns,
-        ),
+        log_options=log_options,
         output=output,
         force=force,
         settings=MapSettings(

@@ -10,26 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
+from oddsmap.cli.log_options import LogOptions, takes_log_options
 from oddsmap.cli.options import (
-    BodyFromSensor,
-    Camera,
-    ClockOffset,
-    Columns,
-    DepthScale,
-    Deskew,
-    Frame,
-    Origin,
-    PointsIn,
-    Poses,
     Quiet,
     Resolution,
-    Scans,
     Settings,
-    SkipBad,
     Threads,
-    Times,
-    Tolerance,
     Verbose,
     config_option,
     force_option,
@@ -59,7 +45,9 @@ are of each parameter by itself, and take the model for true.
 _UNITS = {"cone_deg": "deg", "sigma": "m"}
 
 
+@takes_log_options
 def calibrate(
+    *,
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A log file, or a folder of scans.")],
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="SENSOR.toml", help="The settings to write.")
@@ -70,22 +58,9 @@ def calibrate(
         typer.Option("--noise-only", help="Leave cone_deg and detection as they are; faster."),
     ] = False,
     threads: Threads = None,
-    poses: Poses = None,
-    times: Times = None,
-    tolerance: Tolerance = None,
-    scans: Scans = None,
-    frame: Frame = None,
-    clock_offset: ClockOffset = 0.0,
-    deskew: Deskew = "auto",
-    extrinsics: BodyFromSensor = None,
-    camera: Camera = None,
-    points_in: PointsIn = None,
-    origin: Origin = None,
-    columns: Columns = None,
-    depth_scale: DepthScale = None,
+    log_options: LogOptions,
     config: Annotated[Path | None, config_option("where to start, section sensor")] = None,
     settings: Settings = None,
-    skip_bad: SkipBad = False,
     force: Annotated[bool, force_option("an existing file")] = False,
     as_json: Annotated[bool, json_option("the result")] = False,
     quiet: Quiet = False,
@@ -97,22 +72,6 @@ def calibrate(
     from oddsmap.scoring.calibration import calibrate as calibrate_sensor
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
-    log_options = LogOptions(
-        poses=poses,
-        times=times,
-        tolerance=tolerance,
-        scans=tuple(scans or ()),
-        frame=frame,
-        clock_offset=clock_offset,
-        deskew=deskew,
-        extrinsics=read_extrinsics(extrinsics),
-        camera=read_camera(camera),
-        depth_scale=depth_scale,
-        skip_bad=skip_bad,
-        points_in=points_in,
-        origin=origin,
-        columns=columns,
-    )
     layers = _read_layers(config, settings, resolution)
     check_suffix(output, (".toml",), "a sensor is written as TOML; give a name that ends in .toml")
     check_logs([log])

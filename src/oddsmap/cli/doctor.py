@@ -8,23 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
+from oddsmap.cli.log_options import LogOptions, takes_log_options
 from oddsmap.cli.options import (
-    BodyFromSensor,
-    Camera,
-    ClockOffset,
-    Columns,
-    DepthScale,
-    Deskew,
-    Frame,
-    Origin,
-    PointsIn,
-    Poses,
     Quiet,
-    Scans,
-    SkipBad,
-    Times,
-    Tolerance,
     Verbose,
     json_option,
 )
@@ -49,7 +35,9 @@ at the same places; what is not sure is not said.
 """
 
 
+@takes_log_options
 def doctor(
+    *,
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A log file, or a folder of scans.")],
     range_max: Annotated[
         float | None,
@@ -58,20 +46,7 @@ def doctor(
             help="Readings from here on are no returns; by default as the log says.",
         ),
     ] = None,
-    poses: Poses = None,
-    times: Times = None,
-    tolerance: Tolerance = None,
-    scans: Scans = None,
-    frame: Frame = None,
-    clock_offset: ClockOffset = 0.0,
-    extrinsics: BodyFromSensor = None,
-    camera: Camera = None,
-    points_in: PointsIn = None,
-    origin: Origin = None,
-    columns: Columns = None,
-    depth_scale: DepthScale = None,
-    deskew: Deskew = "auto",
-    skip_bad: SkipBad = False,
+    log_options: LogOptions,
     as_json: Annotated[bool, json_option("what was found")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -81,28 +56,13 @@ def doctor(
     from oddsmap.doctor.diagnosis import diagnose
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
-    mounted = read_extrinsics(extrinsics)
-    options = LogOptions(
-        poses=poses,
-        times=times,
-        tolerance=tolerance,
-        scans=tuple(scans or ()),
-        frame=frame,
-        clock_offset=clock_offset,
-        extrinsics=mounted,
-        camera=read_camera(camera),
-        depth_scale=depth_scale,
-        skip_bad=skip_bad,
-        points_in=points_in,
-        origin=origin,
-        columns=columns,
-        deskew=deskew,
-    )
     check_logs([log])
-    check_files([log, *options.files(log)], force=False)
-    opened = options.open(log)
+    check_files([log, *log_options.files(log)], force=False)
+    opened = log_options.open(log)
     with progress_of_scans("examining", opened.scan_count, quiet=voice.still) as progress:
-        found = diagnose(opened, range_max=range_max, body_from_sensor=mounted, progress=progress)
+        found = diagnose(
+            opened, range_max=range_max, body_from_sensor=log_options.extrinsics, progress=progress
+        )
     for finding in found.findings:
         voice.note(log, finding)
     voice.facts({"log": str(log), **_facts(found)})

@@ -3,10 +3,30 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from oddsmap.cli.options import (
+    BodyFromSensor,
+    Camera,
+    ClockOffset,
+    Columns,
+    DepthScale,
+    Deskew,
+    Frame,
+    Origin,
+    PointsIn,
+    Poses,
+    Scans,
+    SkipBad,
+    Times,
+    Tolerance,
+)
 
 if TYPE_CHECKING:
     from oddsmap.poses.pose import Pose3
@@ -14,7 +34,7 @@ if TYPE_CHECKING:
     from oddsmap.scans.depth_image import PinholeCamera
     from oddsmap.scans.log import Log
 
-__all__ = ["LogOptions", "read_camera", "read_extrinsics"]
+__all__ = ["LogOptions", "read_camera", "read_extrinsics", "takes_log_options"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,6 +93,66 @@ class LogOptions:
             clock_offset_s=self.clock_offset,
             deskew={"on": True, "off": False}.get(self.deskew),
         )
+
+
+def _read(
+    *,
+    poses: Poses = None,
+    times: Times = None,
+    tolerance: Tolerance = None,
+    scans: Scans = None,
+    frame: Frame = None,
+    clock_offset: ClockOffset = 0.0,
+    deskew: Deskew = "auto",
+    extrinsics: BodyFromSensor = None,
+    camera: Camera = None,
+    points_in: PointsIn = None,
+    origin: Origin = None,
+    columns: Columns = None,
+    depth_scale: DepthScale = None,
+    skip_bad: SkipBad = False,
+) -> LogOptions:
+    """What the command line says; errors as in `read_extrinsics` and `read_camera`."""
+    return LogOptions(
+        poses=poses,
+        times=times,
+        tolerance=tolerance,
+        scans=tuple(scans or ()),
+        frame=frame,
+        clock_offset=clock_offset,
+        deskew=deskew,
+        extrinsics=read_extrinsics(extrinsics),
+        camera=read_camera(camera),
+        points_in=points_in,
+        origin=origin,
+        columns=columns,
+        depth_scale=depth_scale,
+        skip_bad=skip_bad,
+    )
+
+
+def takes_log_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command take every option of `_read` where it says `log_options: LogOptions`.
+
+    Typer goes by signatures, so the command, whose arguments are keywords, gets one of all of them.
+    """
+    own = inspect.signature(command, eval_str=True)
+    options = inspect.signature(_read, eval_str=True).parameters
+    expanded: list[inspect.Parameter] = []
+    for parameter in own.parameters.values():
+        if parameter.name == "log_options":
+            expanded += options.values()
+        else:
+            expanded.append(parameter)
+
+    @wraps(command)
+    def with_options(**given: Any) -> None:
+        log_options = _read(**{name: given.pop(name) for name in options})
+        command(log_options=log_options, **given)
+
+    with_options.__signature__ = own.replace(parameters=expanded)  # type: ignore[attr-defined]
+    with_options.__annotations__ = {part.name: part.annotation for part in expanded}
+    return with_options
 
 
 def read_extrinsics(text: str | None) -> Pose3 | None:

@@ -10,24 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from oddsmap.cli.doubts import doubt_of_sensor
-from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
+from oddsmap.cli.log_options import LogOptions, takes_log_options
 from oddsmap.cli.options import (
-    BodyFromSensor,
-    Camera,
-    ClockOffset,
-    Columns,
-    DepthScale,
-    Deskew,
-    Frame,
-    Origin,
-    PointsIn,
-    Poses,
     Quiet,
-    Scans,
     Settings,
-    SkipBad,
-    Times,
-    Tolerance,
     Verbose,
     config_option,
     force_option,
@@ -60,7 +46,9 @@ _TOO_GOOD = (
 )
 
 
+@takes_log_options
 def score(
+    *,
     grid: Annotated[Path, typer.Argument(metavar="MAP", help="A saved map.")],
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The readings to predict.")],
     held_out: Annotated[
@@ -70,22 +58,9 @@ def score(
         Path | None,
         typer.Option(metavar="FILE.png", help="Draw the reliability curve; by default no picture."),
     ] = None,
-    poses: Poses = None,
-    times: Times = None,
-    tolerance: Tolerance = None,
-    scans: Scans = None,
-    frame: Frame = None,
-    clock_offset: ClockOffset = 0.0,
-    deskew: Deskew = "auto",
-    extrinsics: BodyFromSensor = None,
-    camera: Camera = None,
-    points_in: PointsIn = None,
-    origin: Origin = None,
-    columns: Columns = None,
-    depth_scale: DepthScale = None,
+    log_options: LogOptions,
     config: Annotated[Path | None, config_option("another sensor model, section sensor")] = None,
     settings: Settings = None,
-    skip_bad: SkipBad = False,
     force: Annotated[bool, force_option("an existing picture")] = False,
     as_json: Annotated[bool, json_option("the scores")] = False,
     quiet: Quiet = False,
@@ -98,22 +73,6 @@ def score(
     from oddsmap.scoring.held_out import score_map
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
-    log_options = LogOptions(
-        poses=poses,
-        times=times,
-        tolerance=tolerance,
-        scans=tuple(scans or ()),
-        frame=frame,
-        clock_offset=clock_offset,
-        deskew=deskew,
-        extrinsics=read_extrinsics(extrinsics),
-        camera=read_camera(camera),
-        depth_scale=depth_scale,
-        skip_bad=skip_bad,
-        points_in=points_in,
-        origin=origin,
-        columns=columns,
-    )
     layers = read_layers(config, settings)
     layers.check_sections("score", "sensor")
     layers.check_values()
