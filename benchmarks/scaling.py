@@ -96,7 +96,7 @@ def small(kind: str, count: int) -> dict[str, float]:
     fan = np.stack([np.cos(heights), np.zeros(beams), np.sin(heights)], axis=1)
     readings = rng.uniform(2.0, 15.0, (count, beams))
     scans = (
-        Scan(Pose3(_turned(0.002 * i), np.array([20 * i / count, 0.0, 1.0])), fan, readings[i])
+        Scan(Pose3(np.array([20 * i / count, 0.0, 1.0]), _turned(0.002 * i)), fan, readings[i])
         for i in range(count)
     )
     return measure(EvidenceMap(0.1, ndim=3), scans)

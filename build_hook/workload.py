@@ -106,7 +106,7 @@ def _far_scan() -> Scans:
 def _pose(ndim: int, x: float) -> Any:
     if ndim == 2:
         return oddsmap.Pose2(x, 0.5, 0.1)
-    return oddsmap.Pose3(np.eye(3), np.array([x, 0.5, 1.0]))
+    return oddsmap.Pose3(np.array([x, 0.5, 1.0]), np.eye(3))
 
 
 def _maps() -> Iterator[oddsmap.EvidenceMap]:

@@ -65,7 +65,7 @@ MIN, MAX = 0.125, 3.0
 
 
 def scan(d: int, *ranges: float, ahead: int = 0) -> Scan:
-    pose = Pose2(0.25, 0.25, 0.0) if d == 2 else Pose3(np.eye(3), np.full(3, 0.25))
+    pose = Pose2(0.25, 0.25, 0.0) if d == 2 else Pose3(np.full(3, 0.25), np.eye(3))
     return Scan(pose, np.eye(d)[[ahead] * len(ranges)], np.array(ranges))
 
 
@@ -76,7 +76,7 @@ PIXEL = PinholeCamera(fx=1.0, fy=1.0, cx=0.0, cy=0.0, width=1, height=1)
 def image(depth: float) -> DepthScan:
     # Of 64 bits: in 32 there is no number next to these.
     pixels: Any = np.array([[depth]])
-    return DepthScan(Pose3(np.eye(3), np.full(3, 0.25)), pixels, PIXEL)
+    return DepthScan(Pose3(np.full(3, 0.25), np.eye(3)), pixels, PIXEL)
 
 
 LIMITS: dict[str, Any] = {"range_min": MIN, "range_max": MAX}
@@ -294,7 +294,7 @@ def test_a_pose_is_too_far_from_2_to_the_45_cells_on(name: str, sign: float) -> 
         there = (
             Pose2(x, pose.y, pose.theta)
             if isinstance(pose, Pose2)
-            else Pose3(pose.rotation, np.array([x, *pose.translation[1:]]))
+            else Pose3(np.array([x, *pose.translation[1:]]), pose.rotation)
         )
         return dataclasses.replace(scan, map_from_sensor=there)
 

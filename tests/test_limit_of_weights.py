@@ -136,9 +136,9 @@ def test_rescaling_keeps_to_the_limit() -> None:
 # ---- scans ------------------------------------------------------------------------------------
 
 AHEAD = fan_scan(0.3, 0.3, 0.0, [2.1])
-AHEAD_IN_SPACE = Scan(Pose3(np.eye(3), np.full(3, 0.3)), np.eye(3)[:1], np.array([2.1]))
+AHEAD_IN_SPACE = Scan(Pose3(np.full(3, 0.3), np.eye(3)), np.eye(3)[:1], np.array([2.1]))
 IMAGE = DepthScan(
-    Pose3(np.eye(3), np.full(3, 0.3)),
+    Pose3(np.full(3, 0.3), np.eye(3)),
     np.full((1, 1), 2.1, np.float32),
     PinholeCamera(fx=1.0, fy=1.0, cx=0.0, cy=0.0, width=1, height=1),
 )

@@ -53,7 +53,7 @@ def held() -> dict[str, Any]:
         "OverheadSensor": oddsmap.OverheadSensor(),
         "PinholeCamera": CAMERA,
         "Pose2": oddsmap.Pose2(1.0, 2.0, 0.5),
-        "Pose3": oddsmap.Pose3(np.eye(3), np.ones(3)),
+        "Pose3": oddsmap.Pose3(np.ones(3), np.eye(3)),
         "ProbabilityMap": grid.log_odds().to_probability_map(),
         "Reflection": grid.reflection(),
         "Scan": SCANS[0],
@@ -114,3 +114,20 @@ def test_logs_that_are_held_in_memory(tmp_path: Path) -> None:
     again = pickle.loads(pickle.dumps(log))
     assert [parts(scan) for scan in again] == [parts(scan) for scan in log]
     assert again.notes == log.notes
+
+
+def test_logs_that_are_read_on_demand_are_opened_again(tmp_path: Path) -> None:
+    for i in range(3):
+        np.array([[1.0 + i, 0.5, 0.2, 0.0]], np.float32).tofile(tmp_path / f"{i}.bin")
+    (tmp_path / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3)
+    log = oddsmap.open_log(tmp_path, columns="x,y,z,intensity")
+    pickled = pickle.dumps(log)
+    assert len(pickled) < 2000
+    for again in (pickle.loads(pickled), copy.deepcopy(log)):
+        assert type(again) is type(log)
+        assert [parts(scan) for scan in again] == [parts(scan) for scan in log]
+        assert (again.format, again.notes) == (log.format, log.notes)
+    for path in tmp_path.iterdir():
+        path.unlink()
+    with pytest.raises(oddsmap.InputError, match=tmp_path.name):
+        pickle.loads(pickled)

@@ -52,7 +52,7 @@ FILTERS: dict[str, Any] = {
 
 
 def pose_of(d: int, x: float) -> Pose2 | Pose3:
-    return Pose2(x, 0.3, 0.0) if d == 2 else Pose3(np.eye(3), np.array([x, 0.3, 0.3]))
+    return Pose2(x, 0.3, 0.0) if d == 2 else Pose3(np.array([x, 0.3, 0.3]), np.eye(3))
 
 
 def readings(d: int, kinds: Sequence[str], x: float = 0.3) -> Scan:
@@ -84,7 +84,7 @@ def images() -> list[DepthScan]:
     nothing, something = np.full_like(row, np.nan), np.full_like(row, 1.0)
 
     def at(x: float, pixels: np.ndarray[Any, Any]) -> DepthScan:
-        return DepthScan(Pose3(np.eye(3), np.array([x, 0.3, 0.3])), pixels, camera)
+        return DepthScan(Pose3(np.array([x, 0.3, 0.3]), np.eye(3)), pixels, camera)
 
     return [
         at(0.3, row),

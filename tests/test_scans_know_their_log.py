@@ -56,7 +56,7 @@ def test_copies_know_it_too(log: Log) -> None:
 
 def test_depth_images_become_beams_that_know_it() -> None:
     camera = PinholeCamera(4.0, 4.0, 1.5, 1.5, 4, 4)
-    pose = Pose3(np.eye(3), np.zeros(3))
+    pose = Pose3(np.zeros(3), np.eye(3))
     image = DepthScan(pose, np.ones((4, 4), np.float32), camera)
     object.__setattr__(image, "stated", {"range_max": 4.0})
     assert image.to_scan().stated == {"range_max": 4.0}

@@ -117,7 +117,7 @@ def images() -> list[DepthScan]:
     camera = PinholeCamera(fx=100.0, fy=100.0, cx=63.5, cy=63.5, width=128, height=128)
     depth = np.full((128, 128), 2.0, np.float32)
     return [
-        DepthScan(Pose3(np.eye(3), np.array([0.3 * k, 0.1, 0.2])), depth, camera) for k in range(8)
+        DepthScan(Pose3(np.array([0.3 * k, 0.1, 0.2]), np.eye(3)), depth, camera) for k in range(8)
     ]
 
 

@@ -56,7 +56,7 @@ FLAT = [
 ]
 # 3D beams ahead, back and up: for the filters of what may mark.
 AXES = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-SPACE = [Scan(Pose3(np.eye(3), np.zeros(3)), AXES, np.full(3, 1.05))]
+SPACE = [Scan(Pose3(np.zeros(3), np.eye(3)), AXES, np.full(3, 1.05))]
 GRID = [GridScan(Pose2(0.0, 0.0, 0.0), np.array([[0.0, 1.0], [0.7, 0.2]]), 0.1, (0.0, 0.0))]
 
 # What the log of each kind of sensor is mapped with.

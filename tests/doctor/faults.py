@@ -14,7 +14,7 @@ from oddsmap.poses.pose import Pose, Pose2, Pose3
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.scans.scan import Scan
 
-OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+OPTICAL = Pose3(np.zeros(3), np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
 
 
 def about_z(degrees: float, d: int) -> Pose:
@@ -22,7 +22,7 @@ def about_z(degrees: float, d: int) -> Pose:
     if d == 2:
         return Pose2(0.0, 0.0, angle)
     c, s = math.cos(angle), math.sin(angle)
-    return Pose3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
+    return Pose3(np.zeros(3), np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def turned(scan: Scan, degrees: float) -> Scan:

@@ -57,6 +57,6 @@ def test_in_space() -> None:
         ends = np.column_stack(
             [np.full(300, 4.0), rng.uniform(-2, 2, 300), rng.uniform(-1, 1, 300)]
         )
-        scans.append(Placed(Pose3(np.eye(3), at), ends - at))
+        scans.append(Placed(Pose3(at, np.eye(3)), ends - at))
     assert information(scans, 0.2) > 0.5
     assert information([Placed(s.pose, s.points * [1, 1, -5]) for s in scans], 0.2) > 0.0

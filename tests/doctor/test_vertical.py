@@ -20,7 +20,7 @@ def around(rise: float) -> list[Scan]:
     rng, found = np.random.default_rng(0), []
     for angle in np.linspace(0.0, 6.0, 40):
         at = np.array([5.0 * math.cos(angle), 5.0 * math.sin(angle), rise * math.sin(3 * angle)])
-        found.append(Scan.from_points(Pose3(np.eye(3), at), rng.uniform(-3.0, 3.0, (50, 3))))
+        found.append(Scan.from_points(Pose3(at, np.eye(3)), rng.uniform(-3.0, 3.0, (50, 3))))
     return found
 
 

@@ -263,7 +263,7 @@ def test_scans_become_beams_in_the_map_frame() -> None:
     np.testing.assert_allclose(beams.directions, [[0, 1], [-1, 0], [1, 0], [0, 1]], atol=1e-15)
     assert beams.ranges.tolist() == [0.5, math.inf, 0.5, math.inf]
     assert (len(beams), beams.ndim) == (4, 2)
-    space = Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3), np.ones(3))
+    space = Scan(Pose3(np.zeros(3), np.eye(3)), np.eye(3), np.ones(3))
     with pytest.raises(InputError, match="all 2D or all 3D"):
         Beams.from_scans([scans[0], space])
 

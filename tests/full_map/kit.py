@@ -50,7 +50,7 @@ def wall_of_space(depth: float, count: int, seed: int = 0) -> list[Scan]:
         # The nearest point of the wall inside a zone's cone of 8 degrees.
         slant = np.maximum(np.arccos(ways[:, 0]) - math.radians(4.0), 0.0)
         z = (depth - at[0]) / np.cos(slant) + rng.normal(0.0, 0.02, len(ways))
-        scans.append(Scan(Pose3(np.eye(3), at), ways, z))
+        scans.append(Scan(Pose3(at, np.eye(3)), ways, z))
     return scans
 
 

@@ -339,7 +339,7 @@ def test_settings_that_will_not_do() -> None:
         ([beam(math.nan, 0.0, 0.0, 1.0)], "no usable scan (1 x scan.nan_pose)"),
         ([beam(0.0, 0.0, 0.0, math.nan)], "1 x beam.nan"),
         (
-            [beam(0, 0, 0, 1.0), Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3)[:1], np.ones(1))],
+            [beam(0, 0, 0, 1.0), Scan(Pose3(np.zeros(3), np.eye(3)), np.eye(3)[:1], np.ones(1))],
             "all 2D or all 3D",
         ),
     ],
@@ -373,7 +373,7 @@ def test_an_island_changes_nothing_here(space: bool, tmp_path: Any) -> None:
     """One scan 10^9 m away, in the middle of a log: beams that share no cell do not meet."""
     scans = wall_of_space(2.0, 8) if space else room(8)
     d = 3 if space else 2
-    pose = Pose3(np.eye(3), np.full(3, 1e9 + 0.05)) if space else Pose2(1e9, -1e9, 0.0)
+    pose = Pose3(np.full(3, 1e9 + 0.05), np.eye(3)) if space else Pose2(1e9, -1e9, 0.0)
     island = Scan(pose, np.eye(d)[:1], np.array([1.0]))
     here = estimated(scans, schedule="parallel", sweeps=5, tolerance=0.0)
     both = estimated([*scans[:4], island, *scans[4:]], schedule="parallel", sweeps=5, tolerance=0.0)
@@ -425,7 +425,7 @@ def test_many_small_windows_list_what_one_lists(
 
 def test_one_beam_too_long_for_a_window() -> None:
     sensor = ConeSensor(cone_deg=5.0, range_max=1500.0)
-    lone = Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3)[:1], np.array([np.inf]))
+    lone = Scan(Pose3(np.zeros(3), np.eye(3)), np.eye(3)[:1], np.array([np.inf]))
     said = refused(lambda: build_full_map([lone] * 2, 0.1, sensor=sensor), MapTooLargeError)
     assert "the beams span" in said
 

@@ -200,7 +200,7 @@ def test_space() -> None:
     directions = rng.standard_normal((20, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     scans = [
-        Scan(Pose3(np.eye(3), np.array([0.3 * i, 0.0, 0.0])), directions, np.full(20, 1.0))
+        Scan(Pose3(np.array([0.3 * i, 0.0, 0.0]), np.eye(3)), directions, np.full(20, 1.0))
         for i in range(3)
     ]
     view = online(scans).view()
@@ -251,7 +251,7 @@ def test_nothing_at_all() -> None:
 def test_plane_and_space_do_not_mix() -> None:
     estimator = online(room(1))
     with pytest.raises(InputError, match="2D and 3D scans"):
-        estimator.add_scans([Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3)[:1], np.ones(1))])
+        estimator.add_scans([Scan(Pose3(np.zeros(3), np.eye(3)), np.eye(3)[:1], np.ones(1))])
 
 
 def test_what_is_refused() -> None:

@@ -41,7 +41,7 @@ SCANS = [
     oddsmap.Scan(scan.map_from_sensor, scan.directions, scan.ranges, i * 10**9)
     for i, scan in enumerate(random_scans(1, 2, beams=12))
 ]
-SCANS_3D = [oddsmap.Scan.from_points(oddsmap.Pose3(np.eye(3), np.zeros(3)), _POINTS, 0)]
+SCANS_3D = [oddsmap.Scan.from_points(oddsmap.Pose3(np.zeros(3), np.eye(3)), _POINTS, 0)]
 GRIDS = [oddsmap.GridScan(oddsmap.Pose2(1.0, 0.0, 0.3), np.eye(4), 0.25, (-0.5, -0.5), 0)]
 
 
@@ -347,7 +347,7 @@ def _gpx() -> Files:
 
 def _e57() -> bytes:
     with tempfile.TemporaryDirectory() as folder:
-        pose = oddsmap.Pose3(np.eye(3), np.array([0.5, 0.25, 0.0]))
+        pose = oddsmap.Pose3(np.array([0.5, 0.25, 0.0]), np.eye(3))
         invalid = np.arange(len(_POINTS)) % 10 == 3
         setups = [Setup(_POINTS, pose, invalid=invalid.astype(np.int64)), Setup(_POINTS, pose)]
         return e57_file(Path(folder) / "a.e57", setups).read_bytes()
@@ -398,7 +398,7 @@ SAMPLES: dict[str, Callable[[], Files]] = {
     "poses-tum": lambda: _kitti(_tum_poses()),
     "poses-csv": lambda: _kitti(_csv_poses()),
     "kitti-raw": _kitti_raw,
-    "ptx": lambda: _one("a.ptx", ptx_text(_POINTS, oddsmap.Pose3(np.eye(3), np.ones(3))).encode()),
+    "ptx": lambda: _one("a.ptx", ptx_text(_POINTS, oddsmap.Pose3(np.ones(3), np.eye(3))).encode()),
     "rawlog": lambda: _one("a.rawlog", rawlog()),
     "las": lambda: _las("a.las", 1),
     "laz": lambda: _las("a.laz", 1),

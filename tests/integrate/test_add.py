@@ -226,7 +226,7 @@ def test_what_the_log_says_of_its_sensor() -> None:
 
 
 def test_plane_and_space_do_not_mix() -> None:
-    scan = Scan(Pose3(np.eye(3), np.zeros(3)), np.array([[1.0, 0.0, 0.0]]), np.array([1.0]))
+    scan = Scan(Pose3(np.zeros(3), np.eye(3)), np.array([[1.0, 0.0, 0.0]]), np.array([1.0]))
     with pytest.raises(InputError, match="into a 2D map"):
         add_scans(EvidenceMap(0.1), [scan])
     with pytest.raises(InputError, match="2D and 3D scans"):

@@ -34,7 +34,7 @@ def moving_scan(ndim: int, groups: int, seed: int, beams: int = 40) -> Scan:
     pose: Pose2 | Pose3 = Pose2(0.3, -0.2, 0.7)
     if ndim == 3:
         turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-        pose = Pose3(turn, np.array([0.3, -0.2, 0.1]))
+        pose = Pose3(np.array([0.3, -0.2, 0.1]), turn)
     ranges = rng.uniform(0.2, 6.0, beams)
     ranges[::7] = np.inf
     return Scan(pose, directions, ranges, beam_origins=places)
@@ -51,7 +51,7 @@ def one_by_one(scan: Scan) -> list[Scan]:
         if isinstance(own, Pose2):
             pose = Pose2(origin[0], origin[1], own.theta)
         else:
-            pose = Pose3(own.rotation, origin)
+            pose = Pose3(origin, own.rotation)
         found.append(Scan(pose, scan.directions[i : i + 1], scan.ranges[i : i + 1]))
     return found
 
@@ -125,7 +125,7 @@ def spinning_scan(seed: int, motion: float, columns: int = 96, rings: int = 10) 
     way *= motion * 0.25 / np.linalg.norm(way)
     places = np.repeat(np.linspace(-0.5, 0.5, columns), rings)[:, None] * way
     order = np.arange(columns * rings) if seed % 3 else rng.permutation(columns * rings)
-    pose = Pose3(np.eye(3), rng.uniform(-3, 3, 3))
+    pose = Pose3(rng.uniform(-3, 3, 3), np.eye(3))
     ranges = rng.uniform(1.0, 8.0, columns * rings)
     return Scan(pose, directions[order], ranges, beam_origins=places)
 
@@ -144,7 +144,7 @@ def test_filters_by_body_are_of_the_sensor_frame() -> None:
     """A return 0.3 m ahead of a place 1 m ahead lies 1.3 m ahead of the sensor, off the body."""
     sensor = BeamSensor(body_min=(-0.5, -0.5, -0.5), body_max=(0.5, 0.5, 0.5))
     scan = Scan(
-        Pose3(np.eye(3), np.zeros(3)),
+        Pose3(np.zeros(3), np.eye(3)),
         np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]),
         np.array([0.3, 0.3]),
         beam_origins=np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),

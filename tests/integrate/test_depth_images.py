@@ -20,7 +20,7 @@ from oddsmap.simulate import DepthCamera, room, room_walk
 from tests.kit import AS_FOUND, ONE, fan_scan, votes_of
 from tests.naive import projective
 
-HERE = Pose3(np.eye(3), np.zeros(3))
+HERE = Pose3(np.zeros(3), np.eye(3))
 SMALL = PinholeCamera(fx=80.0, fy=80.0, cx=47.5, cy=35.5, width=96, height=72)
 
 SENSORS = [
@@ -119,7 +119,7 @@ def test_by_hand() -> None:
     }
     assert passes_of(evidence) == want
     # The same through a turn by 90 degrees about y: z of the camera is x of the map.
-    turned = Pose3(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]), np.zeros(3))
+    turned = Pose3(np.zeros(3), np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]))
     evidence = by_projection([DepthScan(turned, np.full((3, 3), 4.0, np.float32), camera)], 1.0)
     assert passes_of(evidence) == {(z, y, -1 - x) for x, y, z in want}
 
@@ -183,7 +183,7 @@ def test_moving_the_world_by_whole_cells_moves_the_map(shift: tuple[int, ...]) -
     def moved(by: Sequence[int]) -> DepthScan:
         rotation = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
         translation = np.array([0.3125, -0.15625, 1.25]) + np.array(by) * 0.125
-        return DepthScan(Pose3(rotation, translation), FRAMES[0].depth, SMALL)
+        return DepthScan(Pose3(translation, rotation), FRAMES[0].depth, SMALL)
 
     # Far away the ends of rays have fewer bits, but the free cells are asked relative to the pose.
     near, far = by_projection([moved((0, 0, 0))]), by_projection([moved(shift)])
@@ -233,7 +233,7 @@ def test_a_far_outlier_and_a_window_of_more_than_2_to_the_31_cells() -> None:
     camera = PinholeCamera(fx=16.0, fy=16.0, cx=16.0, cy=16.0, width=33, height=33)
     depth = np.zeros((33, 33), np.float32)
     depth[0, 0], depth[32, 32], depth[16, 16] = 100.0, 100.0, 1.0
-    image = DepthScan(Pose3(np.eye(3), np.array([0.01, 0.02, 0.03])), depth, camera)
+    image = DepthScan(Pose3(np.array([0.01, 0.02, 0.03]), np.eye(3)), depth, camera)
     evidence = by_projection([image], 0.1)
     assert hits_of(evidence) == hits_of(build_map([image], 0.1))
     lo, hi = evidence.bounds() or (None, None)
@@ -253,8 +253,8 @@ def test_what_memory_cannot_hold() -> None:
 def test_what_is_counted() -> None:
     fine = np.full((72, 96), 2.0, np.float32)
     fine[0, :5] = [0.0, np.nan, np.inf, 0.1, 9.0]
-    nowhere = Pose3(np.eye(3), np.array([math.nan, 0.0, 0.0]))
-    far = Pose3(np.eye(3), np.array([1e300, 0.0, 0.0]))
+    nowhere = Pose3(np.array([math.nan, 0.0, 0.0]), np.eye(3))
+    far = Pose3(np.array([1e300, 0.0, 0.0]), np.eye(3))
     log = [
         DepthScan(HERE, fine, SMALL),
         DepthScan(nowhere, fine, SMALL),
@@ -296,7 +296,7 @@ def test_what_it_cannot_do() -> None:
         add_scans(EvidenceMap(0.1), image, method="projective")
     with pytest.raises(InputError, match="2D and 3D"):
         add_scans(EvidenceMap(0.1), [Scan(Pose2(0, 0, 0), np.eye(2), np.ones(2)), *image])
-    flat = DepthScan(Pose3(np.zeros((3, 3)), np.zeros(3)), FRAMES[0].depth, SMALL)
+    flat = DepthScan(Pose3(np.zeros(3), np.zeros((3, 3))), FRAMES[0].depth, SMALL)
     with pytest.raises(InputError, match="not a rotation"):
         build_map([flat], 0.1, method="projective")
 

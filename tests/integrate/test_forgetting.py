@@ -225,7 +225,7 @@ def test_what_is_refused() -> None:
 
 def test_projection_takes_no_half_life() -> None:
     camera = PinholeCamera(2.0, 2.0, 1.5, 1.5, width=4, height=4)
-    image = DepthScan(Pose3(np.eye(3), np.zeros(3)), np.full((4, 4), 1.0, np.float32), camera, LAST)
+    image = DepthScan(Pose3(np.zeros(3), np.eye(3)), np.full((4, 4), 1.0, np.float32), camera, LAST)
     evidence = EvidenceMap(0.25, ndim=3, half_life=20.0, t_ref_ns=LAST)
     with pytest.raises(ConfigError, match=r"takes no map\.half_life"):
         add_scans(evidence, [image], method="projective")

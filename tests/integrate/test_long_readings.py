@@ -56,6 +56,6 @@ def test_a_resolution_that_is_far_too_fine() -> None:
 def test_cones_and_3d() -> None:
     cone = refused(ring([4000.0] * 4), 0.05, ConeSensor(cone_deg=30.0))
     assert "are these millimetres?" in cone
-    scan = Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3), np.array([4000.0, 4000.0, 4000.0]))
+    scan = Scan(Pose3(np.zeros(3), np.eye(3)), np.eye(3), np.array([4000.0, 4000.0, 4000.0]))
     assert "are these millimetres?" in refused(scan, 0.01, BeamSensor())
     assert refused(ring([9.0] * 3), 1e-6, ConeSensor(cone_deg=30.0)).endswith("longest is 9 m)")

@@ -53,7 +53,7 @@ def wide_scans(seed: int, count: int, ndim: int = 2) -> list[Scan]:
         axes = rng.normal(size=(8, 3))
         axes /= np.linalg.norm(axes, axis=1)[:, None]
         ranges = np.where(np.isinf(scan.ranges), 1.0, scan.ranges)
-        pose = Pose3(np.eye(3), np.append(scan.map_from_sensor.translation / 4, 0.3))
+        pose = Pose3(np.append(scan.map_from_sensor.translation / 4, 0.3), np.eye(3))
         scans.append(Scan(pose, axes, ranges))
     return scans
 
@@ -251,7 +251,7 @@ def test_how_many_scans_share_a_window_changes_no_bit(
     """Scans without a vote among them, and one that is far away."""
     scans = wide_scans(9, 30, ndim)
     nothing = Scan(scans[0].map_from_sensor, scans[0].directions, np.full(8, math.nan))
-    far = Pose2(9000.0, 1.0, 0.0) if ndim == 2 else Pose3(np.eye(3), np.full(3, 9000.0))
+    far = Pose2(9000.0, 1.0, 0.0) if ndim == 2 else Pose3(np.full(3, 9000.0), np.eye(3))
     scans[3:3] = [nothing, Scan(far, scans[0].directions, scans[0].ranges), nothing]
     want = Counter[tuple[int, ...]]()
     for scan in scans:

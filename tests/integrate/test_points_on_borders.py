@@ -29,7 +29,7 @@ def wall(depth: float, pose: Pose3) -> DepthScan:
 @pytest.mark.parametrize("method", ["rays", "projective"])
 @pytest.mark.parametrize("depth", [0.5, 1.0, 1.25, 2.0, 3.0, 4.5])
 def test_a_flat_wall_is_one_cell_thick(depth: float, method: str) -> None:
-    pose = Pose3(np.eye(3), np.array([0.012, 0.013, 0.0]))
+    pose = Pose3(np.array([0.012, 0.013, 0.0]), np.eye(3))
     world = build_map([wall(depth, pose)], resolution=RESOLUTION, method=method)
     index, hits, _ = world.cells()
     assert set(index[hits > 0, 2].tolist()) == {np.floor(depth / RESOLUTION)}
@@ -37,7 +37,7 @@ def test_a_flat_wall_is_one_cell_thick(depth: float, method: str) -> None:
 
 def test_the_wall_turned_to_each_side() -> None:
     for rotation in AXES:
-        pose = Pose3(rotation, np.array([0.0, 0.0, 0.0]))
+        pose = Pose3(np.array([0.0, 0.0, 0.0]), rotation)
         index, hits, _ = build_map([wall(2.0, pose)], resolution=RESOLUTION).cells()
         forward = rotation[:, 2]
         axis = int(np.argmax(np.abs(forward)))
@@ -47,7 +47,7 @@ def test_the_wall_turned_to_each_side() -> None:
 def test_a_wall_of_a_cloud() -> None:
     rng = np.random.default_rng(1)
     points = np.column_stack([np.full(20_000, 2.0), rng.uniform(-3, 3, (20_000, 2))])
-    scan = Scan.from_points(Pose3(np.eye(3), np.zeros(3)), points)
+    scan = Scan.from_points(Pose3(np.zeros(3), np.eye(3)), points)
     index, hits, _ = build_map([scan], resolution=RESOLUTION).cells()
     assert set(index[hits > 0, 0].tolist()) == {40}
     expected = {tuple(cell) for cell in np.floor(points / RESOLUTION).astype(int).tolist()}
@@ -57,7 +57,7 @@ def test_a_wall_of_a_cloud() -> None:
 def test_scans_with_and_without_points_side_by_side() -> None:
     """The batch that a scan is cut in changes nothing."""
     rng = np.random.default_rng(2)
-    pose = Pose3(np.eye(3), np.zeros(3))
+    pose = Pose3(np.zeros(3), np.eye(3))
     points = Scan.from_points(pose, np.column_stack([np.full(500, 2.0), rng.normal(size=(500, 2))]))
     beams = Scan(pose, points.directions, points.ranges)
     assert beams.measured_points is None

@@ -141,9 +141,9 @@ def test_moving_the_world_by_whole_cells_moves_the_map(
         return [
             Scan(
                 Pose3(
-                    np.eye(3),
                     np.round(scan.map_from_sensor.translation * 2.0**16) / 2.0**16
                     + np.array(by) * 0.25,
+                    np.eye(3),
                 ),
                 np.round(scan.directions * 256) / 256,
                 np.round(scan.ranges * 256) / 256,
@@ -182,7 +182,7 @@ def test_one_vote_a_scan(kind: Kind) -> None:
 def test_no_returns_only_clear() -> None:
     """+Inf clears up to clear_range, every cell but its last."""
     scan = Scan(
-        Pose3(np.eye(3), np.array([0.1, 0.1, 0.1])), np.eye(3), np.array([np.inf, np.inf, np.nan])
+        Pose3(np.array([0.1, 0.1, 0.1]), np.eye(3)), np.eye(3), np.array([np.inf, np.inf, np.nan])
     )
     evidence = EvidenceMap(0.25, ndim=3, sensor=BeamSensor(clear_range=1.0))
     report = add_scans(evidence, [scan])
@@ -193,7 +193,7 @@ def test_no_returns_only_clear() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_overflow_is_noticed(kind: Kind) -> None:
-    scan = Scan(Pose3(np.eye(3), np.full(3, 0.1)), np.array([[1.0, 0.0, 0.0]]), np.array([1.0]))
+    scan = Scan(Pose3(np.full(3, 0.1), np.eye(3)), np.array([[1.0, 0.0, 0.0]]), np.array([1.0]))
     evidence = mapped([], kind)
     evidence.add_cells(
         np.array([[1, 0, 0]]), np.array([0]), np.array([MAX_UNITS - 256 * ONE], np.int64)
@@ -206,7 +206,7 @@ def test_overflow_is_noticed(kind: Kind) -> None:
 
 
 def cloud(*points: tuple[float, float, float], at: tuple[float, float, float]) -> Scan:
-    return Scan.from_points(Pose3(np.eye(3), np.array(at)), np.array(points))
+    return Scan.from_points(Pose3(np.array(at), np.eye(3)), np.array(points))
 
 
 def test_a_scan_past_2_to_the_31_cells_is_the_sum_of_its_beams() -> None:

@@ -13,7 +13,7 @@ from oddsmap.landmarks import Observations
 from oddsmap.poses.pose import Pose2, Pose3
 
 POSE = Pose2(2.0, -1.0, 0.5 * math.pi)
-SPACE = Pose3(np.eye(3), np.zeros(3))
+SPACE = Pose3(np.zeros(3), np.eye(3))
 
 
 def test_positions_in_the_map_frame() -> None:

@@ -54,7 +54,7 @@ def indoors() -> tuple[Scan, ...]:
         ahead = np.array([math.cos(around), math.sin(around), 0.0]) * math.cos(down)
         ahead[2] = -math.sin(down)
         right = np.array([math.sin(around), -math.cos(around), 0.0])
-        poses.append(Pose3(np.stack([right, np.cross(ahead, right), ahead], axis=1), at))
+        poses.append(Pose3(at, np.stack([right, np.cross(ahead, right), ahead], axis=1)))
     return tuple(camera.scan(world, pose, rng).to_scan() for pose in poses)
 
 
@@ -78,7 +78,7 @@ def in_units(per_metre: float) -> Change:
     def change(pose: Pose2 | Pose3) -> Pose2 | Pose3:
         if isinstance(pose, Pose2):
             return Pose2(pose.x * per_metre, pose.y * per_metre, pose.theta)
-        return Pose3(pose.rotation, pose.translation * per_metre)
+        return Pose3(pose.translation * per_metre, pose.rotation)
 
     return with_poses(change)
 

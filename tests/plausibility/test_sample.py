@@ -43,7 +43,7 @@ def test_a_long_scan_is_thinned() -> None:
     camera = PinholeCamera(300.0, 300.0, 160.0, 120.0, 320, 240)
     depth = np.full((240, 320), 2.0, np.float32)
     depth[:, :160] = 0.0  # nothing known
-    pose = Pose3(np.eye(3), np.zeros(3))
+    pose = Pose3(np.zeros(3), np.eye(3))
     image = sample_of([DepthScan(pose, depth, camera)]).glances[0]
     assert 200 <= len(image.points) <= 1024
     np.testing.assert_allclose(image.points[:, 2], 2.0)
@@ -110,5 +110,5 @@ def test_doubts_are_those_of_what_was_read_so_far() -> None:
 
 
 def test_a_log_of_both_kinds_is_left_to_those_who_refuse_it() -> None:
-    space = Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3), np.ones(3))
+    space = Scan(Pose3(np.zeros(3), np.eye(3)), np.eye(3), np.ones(3))
     assert check_log([*spoilt(office(), headings_in_degrees), space]) == ()

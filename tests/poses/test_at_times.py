@@ -29,7 +29,7 @@ def drive(seed: int, count: int = 12, *, start: int = START, gap: int = S // 10)
     poses = [random_pose(rng)]
     for _ in range(count - 1):
         step = random_pose(rng)
-        moved = poses[-1] @ Pose3(step.rotation, 0.02 * step.translation)
+        moved = poses[-1] @ Pose3(0.02 * step.translation, step.rotation)
         poses.append(poses[-1] if rng.random() < 0.3 else moved)
     order = rng.permutation(count)
     return Trajectory(
@@ -80,7 +80,7 @@ def test_between_poses_of_the_same_bits_there_is_no_other() -> None:
     found = PoseTrack(poses).at(times, S)
     assert found.known.all()
     for i, time in enumerate(times.tolist()):
-        for one in (poses.at(time, S), Pose3(found.rotations[i], found.positions[i])):
+        for one in (poses.at(time, S), Pose3(found.positions[i], found.rotations[i])):
             np.testing.assert_array_equal(one.rotation, pose.rotation)
             np.testing.assert_array_equal(one.translation, pose.translation)
 

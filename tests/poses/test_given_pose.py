@@ -50,7 +50,7 @@ def test_all_forms_in_space_are_one_pose(position: list[float], q: list[float]) 
         matrix,
         matrix.tolist(),
         matrix[:3],
-        Pose3(rotation, np.array(position)),
+        Pose3(np.array(position), rotation),
     ]
     for form in forms:
         found = pose_of(form)
@@ -115,7 +115,14 @@ def test_the_order_of_a_quaternion_has_to_be_named() -> None:
 
 
 def test_the_parts_of_a_pose_in_another_order() -> None:
-    with pytest.raises(InputError, match=r"rotation \(3, 3\) and a translation \(3,\), in this"):
-        Pose3(np.zeros(3), np.eye(3))
+    with pytest.raises(InputError, match=r"translation \(3,\) and a rotation \(3, 3\), in this"):
+        Pose3(np.eye(3), np.zeros(4))
     with pytest.raises(InputError, match="2 x 3 or 3 x 3"):
         Pose2.from_matrix(np.eye(4))
+
+
+def test_the_older_order_of_a_pose_is_told_by_its_shapes() -> None:
+    one = Pose3(np.arange(3.0), np.eye(3))
+    other = Pose3(np.eye(3), np.arange(3.0))
+    assert np.array_equal(one.translation, other.translation)
+    assert np.array_equal(one.rotation, other.rotation)

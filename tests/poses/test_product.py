@@ -43,7 +43,7 @@ def test_products(d: int) -> None:
 
 def test_poses_in_space() -> None:
     for _ in range(50):
-        one, other = (Pose3(rotation(), RNG.normal(size=3)) for _ in range(2))
+        one, other = (Pose3(RNG.normal(size=3), rotation()) for _ in range(2))
         points = RNG.normal(size=(20, 3))
         moved = np.array(by_hand(points, one.rotation.T)) + one.translation
         assert one.transform(points).tolist() == moved.tolist()
@@ -66,7 +66,7 @@ def test_beams_of_the_forward_model() -> None:
     turn = rotation()
     directions = RNG.normal(size=(300, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    beams, _ = Beams.from_scans([Scan(Pose3(turn, np.zeros(3)), directions, np.ones(300))])
+    beams, _ = Beams.from_scans([Scan(Pose3(np.zeros(3), turn), directions, np.ones(300))])
     assert beams.directions.tolist() == by_hand(directions, turn.T)
 
 
@@ -80,5 +80,5 @@ def test_the_inverse() -> None:
 
 
 def test_what_is_not_finite_stays_so_without_a_warning() -> None:
-    moved = Pose3(np.eye(3), np.zeros(3)).transform(np.array([[np.inf, 1.0, np.nan]]))
+    moved = Pose3(np.zeros(3), np.eye(3)).transform(np.array([[np.inf, 1.0, np.nan]]))
     assert not np.isfinite(moved).any()

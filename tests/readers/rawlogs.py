@@ -57,7 +57,7 @@ def scan(
     intensity: bool = False,
 ) -> bytes:
     """CObservation2DRangeScan."""
-    mount = mount or Pose3(np.eye(3), np.zeros(3))
+    mount = mount or Pose3(np.zeros(3), np.eye(3))
     if pose_version == 3:
         place = struct.pack("<12d", *mount.translation, *mount.rotation.ravel())
     else:

@@ -114,6 +114,6 @@ def test_positions_alone_place_points_of_the_map(tmp_path: Path) -> None:
     np.testing.assert_allclose(scan.directions[0] * scan.ranges[0], [4, 0.5, 0])
     with pytest.raises(InputError, match=r"without rotations .* which do only for points"):
         open_log(path, poses=track, columns=columns)
-    arm = Pose3(np.eye(3), np.array([0.5, 0, 0]))
+    arm = Pose3(np.array([0.5, 0, 0]), np.eye(3))
     with pytest.raises(InputError, match="do not say where a sensor beside them was"):
         open_log(path, poses=track, points_in="map", columns=columns, body_from_sensor=arm)

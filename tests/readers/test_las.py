@@ -196,7 +196,7 @@ def test_a_lever_arm(tmp_path: Path) -> None:
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     places = np.tile(HIGH, (10, 1))
     body = Trajectory(places, np.tile(turn, (10, 1, 1)), stamps)
-    arm = Pose3(np.eye(3), np.array([2.0, 0, 0]))
+    arm = Pose3(np.array([2.0, 0, 0]), np.eye(3))
     log = open_log(write_las(tmp_path / "a.las", points, times), poses=body, body_from_sensor=arm)
     np.testing.assert_allclose(
         next(iter(log)).map_from_sensor.translation, HIGH + np.array([0.0, 2.0, 0.0])
@@ -277,7 +277,7 @@ def test_what_cannot_be_joined_is_one_line(tmp_path: Path) -> None:
         (path, {"poses": poses, "points_in": "sensor"}, "leave points_in .* out"),
         (path, {"poses": poses, "times": poses}, "leave `times` out"),
         (path, {"origin": (0, 0, 0), "clock_offset_s": 1.0}, "leave `clock_offset_s` out"),
-        (path, {"poses": poses, "body_from_sensor": Pose3(np.eye(3), np.ones(3))}, "rotations do"),
+        (path, {"poses": poses, "body_from_sensor": Pose3(np.ones(3), np.eye(3))}, "rotations do"),
     ]
     for log, options, message in cases:
         with pytest.raises(InputError, match=message) as caught:

@@ -36,7 +36,7 @@ def test_clouds_are_in_the_sensor_frame(tmp_path: Path) -> None:
             b.map_from_sensor.transform(end_points(b)), [[3, 12, 39]], rtol=1e-14
         )
     assert log.notes == ("2 edges (constraints between poses) were not read",)
-    body_from_sensor = Pose3(np.eye(3), np.array([0.0, 1, 0]))
+    body_from_sensor = Pose3(np.array([0.0, 1, 0]), np.eye(3))
     moved = list(open_log(tmp_path / "a.graph", body_from_sensor=body_from_sensor))[2]
     np.testing.assert_allclose(moved.map_from_sensor.translation, [10, 19, 30])
 

@@ -44,7 +44,7 @@ def test_scans_between_two_readings_of_the_odometry(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("pose_version", [2, 3])
 def test_the_place_of_the_laser(tmp_path: Path, pose_version: int) -> None:
-    mount = Pose3(TURN, np.array([0.5, 0.0, 0.3]))
+    mount = Pose3(np.array([0.5, 0.0, 0.3]), TURN)
     (seen,) = log_of(tmp_path, AT_HOME, scan(0.0, RANGES, mount=mount, pose_version=pose_version))
     assert isinstance(seen.map_from_sensor, Pose2)
     np.testing.assert_allclose(seen.map_from_sensor.translation, [2.0, 3.5])
@@ -57,7 +57,7 @@ def test_upside_down_and_left_to_right(tmp_path: Path) -> None:
     for rotation, right_to_left, sign in (
         (np.eye(3), False, -1), (over, True, -1), (over, False, 1)
     ):  # fmt: skip
-        mount = Pose3(rotation, np.zeros(3))
+        mount = Pose3(np.zeros(3), rotation)
         home = odometry(0.0, 0, 0, 0)
         (seen,) = log_of(
             tmp_path, home, scan(0.0, RANGES, mount=mount, right_to_left=right_to_left)
@@ -67,7 +67,7 @@ def test_upside_down_and_left_to_right(tmp_path: Path) -> None:
 
 def test_a_laser_that_leans_maps_in_3d(tmp_path: Path) -> None:
     down = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])  # x of the laser looks down
-    log = log_of(tmp_path, AT_HOME, scan(0.0, RANGES, mount=Pose3(down, np.zeros(3))))
+    log = log_of(tmp_path, AT_HOME, scan(0.0, RANGES, mount=Pose3(np.zeros(3), down)))
     (seen,) = log
     ahead = seen.directions[2]
     np.testing.assert_allclose(seen.map_from_sensor.rotation @ ahead, [0, 0, -1], atol=1e-9)
@@ -121,7 +121,7 @@ def test_what_is_not_known_is_named(tmp_path: Path) -> None:
             log_of(tmp_path, *objects)
         assert "\n" not in str(caught.value)
     for name in ("times", "body_from_sensor", "columns", "origin"):
-        values = {"columns": "x,y,z", "body_from_sensor": Pose3(np.eye(3), np.zeros(3))}
+        values = {"columns": "x,y,z", "body_from_sensor": Pose3(np.zeros(3), np.eye(3))}
         value = values.get(name, (0, 0, 0) if name == "origin" else tmp_path)
         with pytest.raises(InputError, match=f"leave `{name}` out"):
             log_of(tmp_path, rawlog(), **{name: value})

@@ -101,7 +101,7 @@ def test_the_readable_part_of_a_cut_log_counts_the_cut(tmp_path: Path) -> None:
     [
         ("poses", "poses.txt", "has poses"),
         ("times", "times.txt", "has its stamps with its poses"),
-        ("body_from_sensor", Pose3(np.eye(3), np.zeros(3)), "has the poses of its sensor"),
+        ("body_from_sensor", Pose3(np.zeros(3), np.eye(3)), "has the poses of its sensor"),
         ("camera", PinholeCamera(1, 1, 0, 0, 2, 2), "holds no depth images"),
     ],
 )

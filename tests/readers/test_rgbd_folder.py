@@ -67,7 +67,7 @@ def test_seven_scenes_is_in_millimetres_and_has_two_invalid_values(tmp_path: Pat
 def test_a_camera_given_by_hand_wins_and_extrinsics_apply(tmp_path: Path) -> None:
     seven_scenes(tmp_path)
     (tmp_path / "camera-intrinsics.txt").write_text("9 0 9\n0 9 9\n0 0 1\n")
-    body_from_sensor = Pose3(np.eye(3), np.array([0.0, 0, 7]))
+    body_from_sensor = Pose3(np.array([0.0, 0, 7]), np.eye(3))
     log = open_depth(tmp_path, camera=CAMERA, body_from_sensor=body_from_sensor)
     assert log.camera is CAMERA
     last = list(log)[2]

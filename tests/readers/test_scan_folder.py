@@ -12,7 +12,7 @@ from oddsmap.readers import open_log
 from oddsmap.readers.pose_file import read_trajectory
 from tests.readers.clouds import end_points, pcd_bytes, ply_bytes
 
-BODY_FROM_SENSOR = Pose3(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([0.0, 0, 2]))
+BODY_FROM_SENSOR = Pose3(np.array([0.0, 0, 2]), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
 
 
 def kitti(n: int) -> str:

@@ -48,8 +48,8 @@ class TestE57:
 
     def test_a_part_of_a_pose(self, tmp_path: Path) -> None:
         """What is left out of one is none of it."""
-        still = Pose3(np.eye(3), POSE.translation)
-        turned = Pose3(POSE.rotation, np.zeros(3))
+        still = Pose3(POSE.translation, np.eye(3))
+        turned = Pose3(np.zeros(3), POSE.rotation)
         for parts, pose in (("translation", still), ("rotation", turned)):
             path = tmp_path / f"{parts}.e57"
             (scan,) = open_log(e57_file(path, [Setup(POINTS, POSE, parts=(parts,))]))
@@ -124,7 +124,7 @@ class TestPtx:
     def test_points_that_are_in_the_map(self, tmp_path: Path) -> None:
         """A matrix that moves nothing, and a scanner that stood elsewhere."""
         points = np.where(SEEN, POSE.transform(POINTS), 0.0)
-        identity = Pose3(np.eye(3), np.zeros(3))
+        identity = Pose3(np.zeros(3), np.eye(3))
         text = ptx_text(points, identity, place=POSE.translation)
         log = open_log(write(tmp_path / "a.ptx", text))
         (scan,) = log
@@ -134,11 +134,11 @@ class TestPtx:
     def test_far_points_and_a_scanner_at_the_origin(self, tmp_path: Path) -> None:
         place = np.array([637_000.0, 849_000.0, 400.0])
         points = np.where(SEEN, POINTS + place, 0.0)
-        path = write(tmp_path / "a.ptx", ptx_text(points, Pose3(np.eye(3), np.zeros(3))))
+        path = write(tmp_path / "a.ptx", ptx_text(points, Pose3(np.zeros(3), np.eye(3))))
         with pytest.raises(InputError, match=r"nearest point is 1061 km away: .* --origin X Y Z"):
             list(open_log(path))
         (scan,) = open_log(path, origin=place.tolist())
-        check(scan, Pose3(np.eye(3), place))
+        check(scan, Pose3(place, np.eye(3)))
 
     @pytest.mark.parametrize(
         ("change", "message"),
@@ -182,14 +182,14 @@ class TestOneStatedPlace:
         (tmp_path / "a.pcd").write_bytes(pcd_bytes(POINTS + place, viewpoint="9 9 9 1 0 0 0"))
         for name in ("a.ply", "a.pcd"):
             (scan,) = open_log(tmp_path / name, origin=place.tolist(), points_in=points_in)
-            check(scan, Pose3(np.eye(3), place))
+            check(scan, Pose3(place, np.eye(3)))
 
     def test_a_folder_seen_from_one_place(self, tmp_path: Path) -> None:
         for i in range(2):
             (tmp_path / f"{i}.ply").write_bytes(ply_bytes(POINTS))
         scans = list(open_log(tmp_path, origin=(0, 0, 1)))
         assert [scan.map_from_sensor.translation.tolist() for scan in scans] == [[0, 0, 1]] * 2
-        arm = Pose3(np.eye(3), np.zeros(3))
+        arm = Pose3(np.zeros(3), np.eye(3))
         with pytest.raises(InputError, match="leave `body_from_sensor` out"):
             open_log(tmp_path, origin=(0, 0, 1), body_from_sensor=arm)
 

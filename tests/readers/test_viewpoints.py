@@ -106,7 +106,7 @@ def test_where_the_frame_means_nothing_it_is_refused(tmp_path: Path) -> None:
 # ---- KITTI's camera -----------------------------------------------------------------------------
 
 TR = np.array([[0.0, -1, 0, 0.1], [0, 0, -1, -0.2], [1, 0, 0, -0.3]])
-CAMERA_FROM_LIDAR = Pose3(TR[:, :3], TR[:, 3])
+CAMERA_FROM_LIDAR = Pose3(TR[:, 3], TR[:, :3])
 
 
 def row(pose: Pose3) -> str:
@@ -117,8 +117,8 @@ def row(pose: Pose3) -> str:
 def drive(step_m: float = 5.0) -> list[Pose3]:
     """Poses of a LIDAR that drives a curve, from the identity on."""
     turn = np.array([[0.995, -0.0998749, 0], [0.0998749, 0.995, 0], [0, 0, 1]])
-    step = Pose3(turn, np.array([step_m, 0, 0]))
-    poses = [Pose3(np.eye(3), np.zeros(3))]
+    step = Pose3(np.array([step_m, 0, 0]), turn)
+    poses = [Pose3(np.zeros(3), np.eye(3))]
     for _ in range(5):
         poses.append(poses[-1] @ step)
     return poses
@@ -159,7 +159,7 @@ def test_poses_of_the_lidar_stay(tmp_path: Path) -> None:
 
 
 def test_poses_of_either_are_a_question(tmp_path: Path) -> None:
-    still = [Pose3(np.eye(3), np.zeros(3))] * 3
+    still = [Pose3(np.zeros(3), np.eye(3))] * 3
     for poses in (drive(0.2), still):
         velodyne = kitti(tmp_path, poses)
         with pytest.raises(InputError, match="say --body-from-sensor '0 0 0 0 0 0 1' if they are"):

@@ -51,7 +51,7 @@ def test_turtlebot3(data_folder: Path) -> None:
     folder = data_folder / "ros"
     log = open_log(
         folder / "turtlebot3_gazebo.bag",
-        body_from_sensor=Pose3(np.eye(3), np.array([-0.032, 0.0, 0.0])),
+        body_from_sensor=Pose3(np.array([-0.032, 0.0, 0.0]), np.eye(3)),
     )
     side = 0.05
     ours = build_map(log, side).log_odds().to_probability_map()

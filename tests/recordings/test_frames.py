@@ -201,14 +201,14 @@ def test_poses_of_a_file_beside_transforms_that_place_the_sensor(
     (note,) = open_log(path, poses=poses, tolerance_s=10).notes
     assert note.severity == "warning"
     assert "if they are those of base_link, say --body-from-sensor '0.2 0 0.3 0 0 0 1'" in note
-    mounted = Pose3(np.eye(3), np.array([0.2, 0.0, 0.3]))
+    mounted = Pose3(np.array([0.2, 0.0, 0.3]), np.eye(3))
     assert open_log(path, poses=poses, tolerance_s=10, body_from_sensor=mounted).notes == ()
 
 
 def test_an_extrinsic_beside_transforms_is_refused(ros: Messages, tmp_path: Path) -> None:
     path = ros.write(tmp_path / "run", drive(ros))
     with pytest.raises(InputError, match="the transforms say where 'laser' sits: leave `body_from"):
-        open_log(path, body_from_sensor=Pose3(np.eye(3), np.zeros(3)))
+        open_log(path, body_from_sensor=Pose3(np.zeros(3), np.eye(3)))
 
 
 def test_poses_of_a_file_for_several_sensors_are_those_of_the_body(
@@ -231,7 +231,7 @@ def test_poses_of_a_file_for_several_sensors_are_those_of_the_body(
     assert [str(note) for note in log.notes] == ["the poses are taken as those of base_link"]
     xs = {scan.sensor_id: scan.map_from_sensor.translation[0] for scan in log}
     assert xs == {"/scan": pytest.approx(1.2), "/rear": pytest.approx(0.8)}
-    mounted = Pose3(np.eye(3), np.zeros(3))
+    mounted = Pose3(np.zeros(3), np.eye(3))
     with pytest.raises(InputError, match="one `body_from_sensor`, and scans in the frames la"):
         open_log(path, body_from_sensor=mounted, **how)
 

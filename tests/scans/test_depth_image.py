@@ -11,7 +11,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 
 CAMERA = PinholeCamera(fx=4.0, fy=2.0, cx=1.0, cy=0.5, width=3, height=2)
-HERE = Pose3(np.eye(3), np.zeros(3))
+HERE = Pose3(np.zeros(3), np.eye(3))
 
 
 def test_directions_are_row_by_row_and_point_through_the_pixels() -> None:

@@ -10,7 +10,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.scans.scan import Scan
 
-HERE = Pose3(np.eye(3), np.zeros(3))
+HERE = Pose3(np.zeros(3), np.eye(3))
 ANY = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False, width=32)
 
 

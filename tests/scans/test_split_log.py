@@ -52,7 +52,7 @@ def test_depth_images_stay_images(tmp_path: Path) -> None:
 
     def image(i: int) -> DepthScan:
         depth = np.full((4, 4), 1.0 + i, np.float32)
-        return DepthScan(Pose3(np.eye(3), np.zeros(3)), depth, camera)
+        return DepthScan(Pose3(np.zeros(3), np.eye(3)), depth, camera)
 
     log = DepthLog(
         path=str(tmp_path), format="RGB-D", scan_count=5, camera=camera, read_scan=image,

@@ -85,7 +85,7 @@ def drawn(probability: FloatArray, count: int, seed: int) -> list[Scan]:
 
 def scans_of(beams: Beams) -> list[Scan]:
     poses = [
-        Pose2(float(at[0]), float(at[1]), 0.0) if len(at) == 2 else Pose3(np.eye(3), at)
+        Pose2(float(at[0]), float(at[1]), 0.0) if len(at) == 2 else Pose3(at, np.eye(3))
         for at in beams.origins
     ]
     return [

@@ -89,7 +89,7 @@ def test_of_space_as_by_the_rule(
 ) -> None:
     across = math.cos(up)
     axis = [across * math.cos(heading), across * math.sin(heading), math.sin(up)]
-    scan = one_beam(Pose3(np.eye(3), np.array([x, 0.25, -x])), axis, reading)
+    scan = one_beam(Pose3(np.array([x, 0.25, -x]), np.eye(3)), axis, reading)
     want = wanted(sensor, scan)
     assert listed(sensor, [scan]) == [want]
     assert not sensor.share_hit or sum(hit for hit, _ in want.values()) == ONE
@@ -107,7 +107,7 @@ def test_sensor_and_sides_on_the_lattice(
         flat = one_beam(Pose2(*at, 0.0), list(axis), reading)
         assert listed(sensor, [flat]) == [wanted(sensor, flat)]
         for turned in ([0.0, *axis], [*axis, 0.0], [axis[0], 0.0, axis[1]]):
-            space = one_beam(Pose3(np.eye(3), np.array([*at, at[0]])), turned, min(reading, 4.0))
+            space = one_beam(Pose3(np.array([*at, at[0]]), np.eye(3)), turned, min(reading, 4.0))
             assert listed(sensor, [space]) == [wanted(sensor, space)]
 
 
@@ -229,7 +229,7 @@ def test_what_is_left_out_is_counted() -> None:
 
 def test_filters_of_space_say_what_may_mark() -> None:
     axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-    scan = Scan(Pose3(np.eye(3), np.zeros(3)), axes, np.array([2.0, 2.0, 0.4]))
+    scan = Scan(Pose3(np.zeros(3), np.eye(3)), axes, np.array([2.0, 2.0, 0.4]))
     base = ConeSensor(cone_deg=20.0)
     changed = dataclasses.replace(
         base, mark_z_max=1.0, body_min=(-0.5, -0.5, -0.5), body_max=(0.5, 0.5, 0.5)
@@ -252,7 +252,7 @@ def sensor_hits(part: Any) -> int:
 )
 def test_filters_never_say_what_may_clear(filters: dict[str, Any]) -> None:
     base = ConeSensor(cone_deg=30.0, range_max=12.0, hit_width=3.0, pass_falloff=0.5)
-    scan = one_beam(Pose3(np.eye(3), np.array([0.2, 0.4, 0.6])), [1.0, 0.0, 0.0], 6.3)
+    scan = one_beam(Pose3(np.array([0.2, 0.4, 0.6]), np.eye(3)), [1.0, 0.0, 0.0], 6.3)
     (votes,) = listed(base, [scan])
     (filtered,) = listed(dataclasses.replace(base, **filters), [scan])
     assert any(hits for hits, _ in votes.values())
@@ -268,7 +268,7 @@ def test_filters_never_say_what_may_clear(filters: dict[str, Any]) -> None:
 def test_what_does_not_fit_is_refused() -> None:
     sensor = ConeSensor(cone_deg=20.0)
     flat = one_beam(Pose2(0.0, 0.0, 0.0), [1.0, 0.0], 1.0)
-    space = one_beam(Pose3(np.eye(3), np.zeros(3)), [1.0, 0.0, 0.0], 1.0)
+    space = one_beam(Pose3(np.zeros(3), np.eye(3)), [1.0, 0.0, 0.0], 1.0)
     with pytest.raises(InputError, match="2D and 3D scans"):
         sensor.votes([flat, space], 0.1)
     with pytest.raises(MapTooLargeError, match=r"cone of 1e\+12 m is over .* range_max"):

@@ -96,7 +96,7 @@ def test_a_direction_is_a_unit_vector_to_a_millionth(sign: float) -> None:
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_rotations_of_few_digits_may_be_off_by_two_thousandths(sign: float) -> None:
     def scan(off: float) -> Scan:
-        pose = Pose3((1.0 + sign * off) * np.eye(3), np.zeros(3))
+        pose = Pose3(np.zeros(3), (1.0 + sign * off) * np.eye(3))
         return Scan(pose, np.eye(3)[:1], np.ones(1))
 
     for off in (0.0, 0.5e-6, 2e-6, 1.9e-3):

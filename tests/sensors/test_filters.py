@@ -67,7 +67,7 @@ def test_a_body_in_space_has_six_sides(sensor: BeamSensor | ConeSensor) -> None:
     low, high = (-0.3, -0.2, -0.4), (0.5, 0.25, 0.6)
     axes = np.repeat(np.concatenate([np.eye(3), -np.eye(3)]), 2, axis=0)
     sides = np.repeat([*high, *(-x for x in low)], 2)
-    scan = Scan(Pose3(np.eye(3), np.full(3, 0.05)), axes, sides + np.tile([0.0, 0.01], 6))
+    scan = Scan(Pose3(np.full(3, 0.05), np.eye(3)), axes, sides + np.tile([0.0, 0.01], 6))
     boxed = dataclasses.replace(sensor, body_min=low, body_max=high)
     assert counts([scan], boxed) == (12, {"hit.on_body": 6})
 
@@ -168,7 +168,7 @@ def test_a_map_is_the_same_with_threads() -> None:
 
 def test_projective_images_refuse_what_is_for_2d() -> None:
     camera = PinholeCamera(5.0, 5.0, 1.0, 1.0, 3, 3)
-    image = DepthScan(Pose3(np.eye(3), np.zeros(3)), np.ones((3, 3), np.float32), camera)
+    image = DepthScan(Pose3(np.zeros(3), np.eye(3)), np.ones((3, 3), np.float32), camera)
     for sensor in (BeamSensor(**BOX), BeamSensor(angle_max=1.0)):
         for method in ("rays", "projective"):
             with pytest.raises(ConfigError, match=r"these are 3D|these scans are 3D"):

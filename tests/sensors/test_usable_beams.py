@@ -54,13 +54,13 @@ def sensor_of(kind: str, clear_range: float | None) -> BeamSensor | ConeSensor:
 
 
 def scan_of(reading: float, ndim: int) -> Scan:
-    pose = Pose2(0.0, 0.0, 0.0) if ndim == 2 else Pose3(np.eye(3), np.zeros(3))
+    pose = Pose2(0.0, 0.0, 0.0) if ndim == 2 else Pose3(np.zeros(3), np.eye(3))
     return Scan(pose, np.eye(ndim)[:1], np.array([reading]))
 
 
 def image_of(depth: float) -> DepthScan:
     camera = PinholeCamera(1.0, 1.0, 0.0, 0.0, width=1, height=1)
-    return DepthScan(Pose3(np.eye(3), np.zeros(3)), np.array([[depth]]), camera)
+    return DepthScan(Pose3(np.zeros(3), np.eye(3)), np.array([[depth]]), camera)
 
 
 def of_map(scan: Scan | DepthScan, sensor: Sensor, ndim: int, method: str = "rays") -> str:
@@ -136,7 +136,7 @@ def test_a_scan_skipped_for_its_pose_has_its_beams_counted_nowhere(where: float)
     reason = "scan.nan_pose" if math.isnan(where) else "scan.pose_too_far"
     readings = np.array([math.nan, 0.1, 81.83, 2.0])
     flat = Scan(Pose2(where, 0.0, 0.0), np.eye(2)[[0, 1, 0, 1]], readings)
-    deep_pose = Pose3(np.eye(3), np.array([where, 0.0, 0.0]))
+    deep_pose = Pose3(np.array([where, 0.0, 0.0]), np.eye(3))
     deep = Scan(deep_pose, np.eye(3)[[0, 1, 2, 0]], readings)
     camera = PinholeCamera(1.0, 1.0, 0.0, 0.0, width=4, height=1)
     image = DepthScan(deep_pose, readings[None].astype(np.float32), camera)

@@ -94,7 +94,7 @@ def test_the_same_scans_give_the_same_bytes(tmp_path: Path) -> None:
         (some_scans(Lidar2D(angle_min=-1.5), 2)[0], "takes 180 beams .* 1 degrees apart"),
         (some_scans(Lidar2D(beam_count=181, angle_step=0.01), 2)[0], "takes 181 beams"),
         (Scan(Pose2(0, math.nan, 0), np.array([[0, -1], [1, 0.0]]), np.ones(2)), "not finite"),
-        (Scan(Pose3(np.eye(3), np.zeros(3)), np.eye(3), np.ones(3)), "this one is 3D"),
+        (Scan(Pose3(np.zeros(3), np.eye(3)), np.eye(3), np.ones(3)), "this one is 3D"),
     ],
 )
 def test_what_a_carmen_log_cannot_hold_is_refused(tmp_path: Path, bad: Scan, message: str) -> None:

@@ -13,7 +13,7 @@ from oddsmap.simulate import Box, DepthCamera, World3D, room, room_walk
 from tests.naive import world3d_oracle as oracle
 
 # Looks along the map's x axis: z forward is x, x right is -y, y down is -z.
-AHEAD = Pose3(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.array([0.0, 0.0, 1.0]))
+AHEAD = Pose3(np.array([0.0, 0.0, 1.0]), np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
 TINY = PinholeCamera(fx=20.0, fy=20.0, cx=15.5, cy=11.5, width=32, height=24)
 EXACT = DepthCamera(TINY, sigma=0.0)
 

@@ -12,7 +12,7 @@ from oddsmap.simulate import Box, Cylinder, Ground, Lidar3D, World3D, drive3d, t
 from tests.naive import world3d_oracle as oracle
 
 SMALL = Lidar3D(ring_count=9, column_count=32)
-UPRIGHT = Pose3(np.eye(3), np.array([0.0, 0.0, 1.5]))
+UPRIGHT = Pose3(np.array([0.0, 0.0, 1.5]), np.eye(3))
 
 
 def test_the_beams() -> None:
@@ -42,7 +42,7 @@ def test_exact_without_noise() -> None:
 def test_the_pose_turns_the_beams() -> None:
     # A wall to the left of the map's x axis is ahead of a sensor that looks to the left.
     world = World3D([Box(0, 6, 20, 2, 0, 9)])
-    left = Pose3(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([0.0, 0.0, 1.0]))
+    left = Pose3(np.array([0.0, 0.0, 1.0]), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]))
     lidar = Lidar3D(ring_count=1, column_count=4, elevation_min=0.0, elevation_max=0.0, sigma=0.0)
     scan = lidar.scan(world, left, np.random.default_rng(0))
     np.testing.assert_allclose(scan.ranges, [5.0, np.inf, np.inf, np.inf])
@@ -128,15 +128,15 @@ def test_a_pose_that_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match=r"\(0\.000, 0\.000, 1\.500\) stands inside"):
         SMALL.scan(world, UPRIGHT, rng)
     with pytest.raises(InputError, match="the ground"):
-        SMALL.scan(world, Pose3(np.eye(3), np.array([5.0, 5.0, -0.1])), rng)
+        SMALL.scan(world, Pose3(np.array([5.0, 5.0, -0.1]), np.eye(3)), rng)
     with pytest.raises(InputError, match="not finite"):
-        SMALL.scan(world, Pose3(np.eye(3), np.array([math.nan, 0, 0])), rng)
+        SMALL.scan(world, Pose3(np.array([math.nan, 0, 0]), np.eye(3)), rng)
 
 
 def test_a_sweep_takes_each_column_from_its_own_pose() -> None:
     lidar = Lidar3D(ring_count=3, column_count=8, sigma=0.0)
     world = World3D([Box(5.0, 0.0, 1.0, 30.0, 0.0, 9.0), Box(-5.0, 0.0, 1.0, 30.0, 0.0, 9.0)])
-    poses = [Pose3(np.eye(3), np.array([0.1 * c, 0.0, 2.0])) for c in range(8)]
+    poses = [Pose3(np.array([0.1 * c, 0.0, 2.0]), np.eye(3)) for c in range(8)]
     moving = lidar.sweep(world, poses, np.random.default_rng(0), stamp_ns=7, column_ns=5)
     assert moving.map_from_sensor is poses[0]
     assert moving.beam_times_ns is not None

@@ -26,7 +26,7 @@ _SCANS, _MOST = 8, 0.7
 
 # body_from_optical: the optical frame of a camera (x right, y down, z forward) on a body with x
 # forward, y left, z up (REP 103).
-_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+_OPTICAL = Pose3(np.zeros(3), np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
 
 
 def alternatives_of(d: int, body_from_sensor: Pose3 | None = None) -> list[Alternative]:
@@ -84,7 +84,7 @@ def yawed(degrees: float, d: int) -> Alternative:
         turn: Pose = Pose2(0.0, 0.0, angle)
     else:
         c, s = math.cos(angle), math.sin(angle)
-        turn = Pose3(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
+        turn = Pose3(np.zeros(3), np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
     quaternion = f"0 0 0 0 0 {math.sin(angle / 2):.6g} {math.cos(angle / 2):.6g}"
     return Alternative(
         code="extrinsics.yaw",

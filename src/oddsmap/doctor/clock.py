@@ -93,7 +93,7 @@ def in_space(pose: Pose) -> Pose3:
         return pose
     c, s = math.cos(pose.theta), math.sin(pose.theta)
     return Pose3(
-        np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([pose.x, pose.y, 0.0])
+        np.array([pose.x, pose.y, 0.0]), np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     )
 
 

@@ -94,7 +94,7 @@ def _read(glance: Glance, alternative: Alternative) -> Glance:
         if isinstance(pose, Pose2):
             pose = Pose2(pose.x * alternative.scale, pose.y * alternative.scale, pose.theta)
         else:
-            pose = Pose3(pose.rotation, pose.translation * alternative.scale)
+            pose = Pose3(pose.translation * alternative.scale, pose.rotation)
     return dataclasses.replace(glance, pose=pose, points=points)
 
 

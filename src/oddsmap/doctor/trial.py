@@ -160,7 +160,7 @@ def _scaled(pose: Pose, scale: float) -> Pose:
         return pose
     if isinstance(pose, Pose2):
         return Pose2(pose.x * scale, pose.y * scale, pose.theta)
-    return Pose3(pose.rotation, pose.translation * scale)
+    return Pose3(pose.translation * scale, pose.rotation)
 
 
 def _comparable(before: Sequence[Placed], after: Sequence[Placed], unit: float) -> BoolArray:

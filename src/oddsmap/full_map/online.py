@@ -287,6 +287,6 @@ def _estimate_toys() -> None:
         sensor=ConeSensor(cone_deg=30.0, range_max=3.0),
         full_map=FullMapConfig(),
     )
-    for pose in (Pose2(0.5, 0.5, 0.0), Pose3(np.eye(3), np.full(3, 0.5))):
+    for pose in (Pose2(0.5, 0.5, 0.0), Pose3(np.full(3, 0.5), np.eye(3))):
         d = len(pose.translation)
         OnlineFullMap(toy, window=1, prior_every=1)._add(Scan(pose, np.eye(d)[:1], np.array([2.0])))

@@ -47,7 +47,7 @@ def _map_a_toy(
     lengths: bool,
     method: str,
 ) -> None:
-    pose = Pose2(0.5, 0.5, 0.0) if ndim == 2 else Pose3(np.eye(3), np.full(3, 0.5))
+    pose = Pose2(0.5, 0.5, 0.0) if ndim == 2 else Pose3(np.full(3, 0.5), np.eye(3))
     scan: Measurement = Scan(pose, np.eye(ndim), np.full(ndim, 3.0))
     sensor: Sensor = BeamSensor(fade=1.0 if weights else 0.0)
     if kind == OverheadSensor.kind and isinstance(pose, Pose2):

@@ -85,16 +85,23 @@ class Pose2:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose3:
-    """A pose of SE(3): `rotation`, shape (3, 3), and `translation` [m], shape (3,)."""
+    """A pose of SE(3): `translation` [m], shape (3,), and `rotation`, shape (3, 3).
 
-    rotation: FloatArray
+    The other order, of earlier versions, is still taken: the shapes tell the two apart.
+    """
+
     translation: FloatArray
+    rotation: FloatArray
 
     def __post_init__(self) -> None:
-        shapes = np.shape(self.rotation), np.shape(self.translation)
-        if shapes != ((3, 3), (3,)):
+        shapes = np.shape(self.translation), np.shape(self.rotation)
+        if shapes == ((3, 3), (3,)):
+            turn, place = self.translation, self.rotation
+            object.__setattr__(self, "translation", place)
+            object.__setattr__(self, "rotation", turn)
+        elif shapes != ((3,), (3, 3)):
             raise InputError(
-                "a Pose3 is made of a rotation (3, 3) and a translation (3,), in this order, got "
+                "a Pose3 is made of a translation (3,) and a rotation (3, 3), in this order, got "
                 f"shapes {shapes[0]} and {shapes[1]}"
             )
 
@@ -115,7 +122,7 @@ class Pose3:
         rotation, translation = upper[:, :3].copy(), upper[:, 3].copy()
         if np.isfinite(rotation).all():
             _check_rotation(rotation)
-        return cls(rotation, translation)
+        return cls(translation, rotation)
 
     @classmethod
     def from_quaternion(
@@ -166,7 +173,7 @@ class Pose3:
                 [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
             ]
         )
-        return cls(rotation, t)
+        return cls(t, rotation)
 
     @property
     def is_finite(self) -> bool:
@@ -180,12 +187,12 @@ class Pose3:
     def inverse(self) -> Pose3:
         """The transform in the other direction."""
         position = product(-self.translation[None, :], self.rotation)[0]
-        return Pose3(self.rotation.T.copy(), position)
+        return Pose3(position, self.rotation.T.copy())
 
     def __matmul__(self, other: Pose3) -> Pose3:
         """Compose: `map_from_body @ body_from_sensor` is `map_from_sensor`."""
         return Pose3(
-            product(self.rotation, other.rotation), self.transform(other.translation[None, :])[0]
+            self.transform(other.translation[None, :])[0], product(self.rotation, other.rotation)
         )
 
 

@@ -73,7 +73,7 @@ class Trajectory:
 
     def __getitem__(self, i: int) -> Pose3:
         """The pose of number `i`, in the order of the file."""
-        return Pose3(self.rotations[i], self.positions[i])
+        return Pose3(self.positions[i], self.rotations[i])
 
     def __iter__(self) -> Iterator[Pose3]:
         """The poses in the order of the file."""
@@ -152,15 +152,15 @@ def _interpolate(start: Pose3, end: Pose3, fraction: float) -> Pose3:
     """
     position = start.translation + fraction * (end.translation - start.translation)
     if np.array_equal(start.rotation, end.rotation):
-        return Pose3(start.rotation, position)
+        return Pose3(position, start.rotation)
     x, y, z, w = quaternion_xyzw(product(start.rotation.T, end.rotation))
     sine = math.sqrt(x * x + y * y + z * z)
     if sine == 0.0:
-        return Pose3(start.rotation, position)
+        return Pose3(position, start.rotation)
     # q and -q are one rotation: with w >= 0 the angle is at most pi.
     angle = 2.0 * math.atan2(sine, abs(w)) * math.copysign(fraction, w)
     half = math.sin(angle / 2) / sine
     turn = Pose3.from_quaternion_xyzw(
         np.zeros(3), [x * half, y * half, z * half, math.cos(angle / 2)]
     )
-    return Pose3(product(start.rotation, turn.rotation), position)
+    return Pose3(position, product(start.rotation, turn.rotation))

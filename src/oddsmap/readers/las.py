@@ -35,6 +35,7 @@ from oddsmap.readers.pose_association import stated_poses
 from oddsmap.readers.pose_file import PoseFile
 from oddsmap.readers.sensor_track import SensorTrack, pose_at, scan_seen_from
 from oddsmap.scans.log import Log, SensorInfo
+from oddsmap.scans.log_items import ReadOnDemand
 from oddsmap.scans.memory_log import LoadedLog
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -144,7 +145,7 @@ def _poses(
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class LasLog:
+class LasLog(ReadOnDemand):
     """Points of a LAS file as scans; satisfies the `Log` protocol.
 
     Args:

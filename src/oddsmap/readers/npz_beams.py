@@ -274,6 +274,6 @@ def _to_scan(
     position: _FloatArray, directions: _FloatArray, ranges: _FloatArray, stamp_ns: int | None
 ) -> Scan:
     if len(position) == 3:
-        return Scan(Pose3(np.eye(3), position), directions, ranges, stamp_ns, trusted=True)
+        return Scan(Pose3(position, np.eye(3)), directions, ranges, stamp_ns, trusted=True)
     pose = Pose2(float(position[0]), float(position[1]), 0.0)
     return Scan(pose, directions, ranges, stamp_ns, trusted=True)

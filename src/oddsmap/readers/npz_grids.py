@@ -29,6 +29,7 @@ from oddsmap.readers.compression import Source
 from oddsmap.readers.npz_arrays import load_arrays
 from oddsmap.scans.grid_scan import GridScan
 from oddsmap.scans.log import SensorInfo
+from oddsmap.scans.log_items import LogItems
 from oddsmap.scans.note import Note
 
 __all__ = ["GridLog", "open_npz_grids"]
@@ -40,7 +41,7 @@ _KEYS = ("grids", "poses", "pixel", "corner", "stamp_ns")
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class GridLog:
+class GridLog(LogItems):
     """Grids in memory as they are in the file: scans are made of them while one iterates.
 
     Satisfies the `Log` protocol. A label takes 1 byte here and 8 in a `GridScan`.
@@ -48,7 +49,7 @@ class GridLog:
     Args:
         path: where the log was read from, as the caller wrote it.
         grids: labels or probabilities, shape (n, h, w).
-        poses: x [m], y [m] and heading [rad], shape (n, 3).
+        pose_rows: x [m], y [m] and heading [rad], shape (n, 3).
         pixel: side of a pixel [m].
         corner: lower left corner of pixel (0, 0) in the sensor frame [m].
         stamps_ns: time of each grid [ns], shape (n,), or None.
@@ -58,7 +59,7 @@ class GridLog:
 
     path: str
     grids: _Array
-    poses: npt.NDArray[np.float64]
+    pose_rows: npt.NDArray[np.float64]
     pixel: float
     corner: tuple[float, float]
     stamps_ns: npt.NDArray[np.int64] | None
@@ -83,7 +84,7 @@ class GridLog:
 
     def __iter__(self) -> Iterator[GridScan]:
         """The grids in file order; can be started again."""
-        for i, (grid, pose) in enumerate(zip(self.grids, self.poses.tolist(), strict=True)):
+        for i, (grid, pose) in enumerate(zip(self.grids, self.pose_rows.tolist(), strict=True)):
             seen = grid.astype(np.float64)
             if grid.dtype.kind in "iu":
                 seen[grid == _NOT_SEEN] = np.nan
@@ -130,7 +131,7 @@ def open_npz_grids(source: Source) -> GridLog:
     return GridLog(
         path=path,
         grids=grids,
-        poses=poses,
+        pose_rows=poses,
         pixel=pixel,
         corner=(left, low),
         stamps_ns=_check_stamps(path, arrays, len(grids)),

@@ -176,7 +176,7 @@ def _read_pose(row: Row, columns: PoseColumns) -> Pose3:
         parse_numbers(row, row.words)
     pose = parse_numbers(row, [row.words[place] for place in columns.pose])
     if columns.kind in ("position", "globe"):
-        return Pose3(np.eye(3), np.array(pose))
+        return Pose3(np.array(pose), np.eye(3))
     if columns.kind == "planar":
         *place, angle = pose
         return _planar_pose(place, math.radians(angle) if columns.degrees else angle)
@@ -192,7 +192,7 @@ def _planar_pose(place: list[float], yaw: float) -> Pose3:
     """A pose in the plane, at z = 0 where there is none."""
     c, s = math.cos(yaw), math.sin(yaw)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return Pose3(turn, np.array([*place, 0.0][:3]))
+    return Pose3(np.array([*place, 0.0][:3]), turn)
 
 
 def _doubt_angles(name: str, angles: list[float], notes: list[Note]) -> None:

@@ -38,6 +38,7 @@ from oddsmap.readers.options import FilePath, PointFrame, ReadOptions
 from oddsmap.readers.plain_text import refuse_utf16, without_bom
 from oddsmap.scans.depth_image import PinholeCamera
 from oddsmap.scans.log import Log
+from oddsmap.scans.log_items import ReadOnDemand
 
 __all__ = ["READERS", "Reader", "known_formats", "open_log"]
 
@@ -189,7 +190,17 @@ def open_log(
         clock_offset_s=clock_offset_s,
         deskew=deskew,
     )
-    name = os.fspath(path)
+    return _open(os.fspath(path), options)
+
+
+def _open(name: str, options: ReadOptions) -> Log:
+    log = _open_by_content(name, options)
+    if isinstance(log, ReadOnDemand):
+        log.opened_by(_open, name, options)
+    return log
+
+
+def _open_by_content(name: str, options: ReadOptions) -> Log:
     with memory_for(f"the log {name}", "split it, or read it on a machine with more memory"):
         if recorded.is_recording(name):
             return recorded.open_recorded(name, options)
@@ -198,7 +209,7 @@ def open_log(
             if survey_file.matches(head):
                 return survey_file.open(name, options)
         options.refuse(name, "this log", "scans", "frame", "clock_offset_s")
-        return _open_folder(name, options) if Path(path).is_dir() else _open_file(path, options)
+        return _open_folder(name, options) if Path(name).is_dir() else _open_file(name, options)
 
 
 def _first_bytes(name: str) -> bytes:
@@ -209,7 +220,7 @@ def _first_bytes(name: str) -> bytes:
         return b""  # a folder, or said by whoever reads it
 
 
-def _open_file(path: FilePath, options: ReadOptions) -> Log:
+def _open_file(path: str, options: ReadOptions) -> Log:
     source = open_source(path, skip_bad=options.skip_bad)
     for reader in READERS:
         if reader.matches(without_bom(source).head):

@@ -221,4 +221,4 @@ def _match(
 
 @cache
 def _identity() -> Pose3:
-    return Pose3(np.eye(3), np.zeros(3))
+    return Pose3(np.zeros(3), np.eye(3))

@@ -91,7 +91,7 @@ class SensorTrack:
 
 def pose_at(place: FloatArray) -> Pose3:
     """A sensor at a place [m], shape (3,), with the axes of the map, for points that are in it."""
-    return Pose3(np.eye(3), np.array(place, np.float64))
+    return Pose3(np.array(place, np.float64), np.eye(3))
 
 
 def scan_seen_from(points: FloatArray, origins: FloatArray, times_ns: IntArray) -> Scan:

@@ -107,7 +107,7 @@ def _placed_cloud(path: Path) -> tuple[FloatArray, Pose3] | None:
         return None  # said when the scan itself is read
     points = cloud.points[np.isfinite(cloud.points).all(axis=1)]
     points = points[(np.abs(points) < _FARTHEST_M).all(axis=1) & points.any(axis=1)]
-    return points, pose or Pose3(np.eye(3), np.zeros(3))
+    return points, pose or Pose3(np.zeros(3), np.eye(3))
 
 
 def _common(points: FloatArray, others: FloatArray) -> float:

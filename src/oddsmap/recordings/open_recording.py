@@ -126,7 +126,7 @@ def log_of(recording: Recording, choices: Choices, found: Survey | None = None) 
     return RecordedLog(
         recording=recording,
         topics=topics,
-        poses=where,
+        sensor_poses=where,
         ndim=2 if flat else 3,
         sensors=found.sensors,
         cameras=cameras,

@@ -70,14 +70,14 @@ class TransformPoses:
 
     def at(self, frame: str, stamp_ns: int) -> Pose3:
         """map_from_sensor at a time."""
-        pose = Pose3(np.eye(3), np.zeros(3))
+        pose = Pose3(np.zeros(3), np.eye(3))
         for step in self.tree.path_between(self.frame, frame):
             pose = pose @ self.tree.transform(step, stamp_ns, self.tolerance_ns)
         return pose
 
     def at_times(self, frame: str, times_ns: IntArray) -> PoseArray:
         """map_from_sensor at the times of beams."""
-        poses = PoseArray.fixed(Pose3(np.eye(3), np.zeros(3)), len(times_ns))
+        poses = PoseArray.fixed(Pose3(np.zeros(3), np.eye(3)), len(times_ns))
         tolerance = max(self.tolerance_ns, _BEAM_TOLERANCE_NS)
         for step in self.tree.path_between(self.frame, frame):
             poses = poses @ self.tree.transforms(step, times_ns, tolerance)

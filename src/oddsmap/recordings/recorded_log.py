@@ -25,6 +25,7 @@ from oddsmap.scans.beam_timing import left_out_note
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.deskew import deskew
 from oddsmap.scans.log import SensorInfo
+from oddsmap.scans.log_items import ReadOnDemand
 from oddsmap.scans.note import Note, bad_scans
 from oddsmap.scans.scan import Scan
 
@@ -53,13 +54,13 @@ def _lean(shape: str, map_from_sensor: Pose3) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RecordedLog:
+class RecordedLog(ReadOnDemand):
     """Scans of some topics of a recording; satisfies the `Log` protocol.
 
     Args:
         recording: where they are.
         topics: the topics of scans.
-        poses: where the sensor was.
+        sensor_poses: where the sensor was.
         ndim: 2 for scans of the plane, else 3.
         sensors: what is stated about each sensor, by topic, and frame where several share it.
         cameras: the intrinsics of each topic of images.
@@ -75,7 +76,7 @@ class RecordedLog:
 
     recording: Recording
     topics: Sequence[Topic]
-    poses: SensorPoses
+    sensor_poses: SensorPoses
     ndim: int
     sensors: Mapping[str, SensorInfo]
     cameras: Mapping[str, PinholeCamera] = field(default_factory=dict)
@@ -232,15 +233,15 @@ class RecordedLog:
     def _moving(self, topic: str, beams: Beams) -> Scan | DepthScan:
         """A scan, deskewed where that is asked for and its beams have times."""
         own, frame = beams.frame_from_sensor, beams.frame
-        pose = self.poses.at(frame, beams.stamp_ns + self.clock_offset_ns)
+        pose = self.sensor_poses.at(frame, beams.stamp_ns + self.clock_offset_ns)
         if own is not None:
             pose = pose @ own
         scan = self._scan(topic, beams, pose)
-        if not self.deskews or frame == self.poses.frame or isinstance(scan, DepthScan):
+        if not self.deskews or frame == self.sensor_poses.frame or isinstance(scan, DepthScan):
             return scan  # points in the map are where they were
 
         def at_times(times_ns: IntArray) -> PoseArray:
-            poses = self.poses.at_times(frame, times_ns)
+            poses = self.sensor_poses.at_times(frame, times_ns)
             return poses if own is None else poses @ PoseArray.fixed(own, len(times_ns))
 
         scan, left_out = deskew(scan, pose, at_times)
@@ -255,7 +256,7 @@ class RecordedLog:
             return DepthScan(pose, beams.depth, self.cameras[topic], stamp)
         if beams.points is not None:
             points = beams.points
-            if beams.frame == self.poses.frame and beams.frame_from_sensor is None:
+            if beams.frame == self.sensor_poses.frame and beams.frame_from_sensor is None:
                 points = pose.inverse().transform(points)
             scan = Scan.from_points(pose, points, stamp)
             object.__setattr__(scan, "beam_times_ns", times)

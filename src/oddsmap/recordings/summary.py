@@ -114,7 +114,7 @@ def _place(tree: TransformTree, sensor: str) -> str:
         return f"in the frame {sensor}"
     if tree.moves_between(base, sensor):
         return f"in the frame {sensor}, which moves against {base}"
-    pose = Pose3(np.eye(3), np.zeros(3))
+    pose = Pose3(np.zeros(3), np.eye(3))
     for step in tree.path_between(base, sensor):
         pose = pose @ tree.transform(step, 0, 0)
     x, y, z = (0.0 + round(value, 3) for value in pose.translation.tolist())

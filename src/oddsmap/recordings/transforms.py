@@ -48,7 +48,7 @@ class _Edge:
 
     def at(self, stamp_ns: int, tolerance_ns: int) -> Pose3:
         if self.fixed is not None or self.sampled is None:
-            return self.fixed or Pose3(np.eye(3), np.zeros(3))
+            return self.fixed or Pose3(np.zeros(3), np.eye(3))
         first, last = self.span_ns
         if not first <= stamp_ns <= last:
             raise NoPoseError(

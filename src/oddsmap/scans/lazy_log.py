@@ -12,6 +12,7 @@ from oddsmap.errors import InputError
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.log import SensorInfo
+from oddsmap.scans.log_items import LogItems, ReadOnDemand
 from oddsmap.scans.note import Note, bad_scans
 from oddsmap.scans.scan import Scan
 
@@ -19,7 +20,7 @@ __all__ = ["DepthLog", "LazyLog"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class LazyLog:
+class LazyLog(ReadOnDemand):
     """Scans that are read while one iterates; satisfies the `Log` protocol.
 
     Args:
@@ -80,14 +81,28 @@ class LazyLog:
         """The measurements in order; can be started again."""
         for i in range(self.scan_count):
             try:
-                scan = self.read_scan(i)
+                scan = self._read(i)
             except InputError as error:
                 if not self.skip_bad:
                     raise
                 self._bad[i] = error
                 continue
-            object.__setattr__(scan, "stated", self.sensor)
             yield scan
+
+    def __getitem__(self, number: Any) -> Any:
+        """As of every log; reads the scan alone where none before it can be left out."""
+        if isinstance(number, slice) or self.skip_bad:
+            return LogItems.__getitem__(self, number)  # super() fails in classes with slots
+        try:
+            i = range(self.scan_count)[number]
+        except IndexError:
+            raise IndexError(f"{self.path}: of {self.scan_count} scans none is {number}") from None
+        return self._read(i)
+
+    def _read(self, i: int) -> Any:
+        scan = self.read_scan(i)
+        object.__setattr__(scan, "stated", self.sensor)
+        return scan
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

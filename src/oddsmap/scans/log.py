@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, overload
 
 from oddsmap.poses.pose import Pose
 from oddsmap.scans.note import Note
@@ -75,6 +75,17 @@ class Log(Protocol):
     # `DepthScan`s of a depth camera and the `GridScan`s of a log of grids.
     def __iter__(self) -> Iterator[Scan | Any]:
         """The measurements in file order; can be started again."""
+
+    @overload
+    def __getitem__(self, number: int) -> Scan | Any: ...
+    @overload
+    def __getitem__(self, number: slice) -> list[Scan | Any]: ...
+    def __getitem__(self, number: int | slice) -> Any:
+        """The measurement of a number, as iterating gives it; of a slice, a list of them."""
+
+    @property
+    def poses(self) -> list[Pose]:
+        """Of each measurement the pose of its sensor, map_from_sensor; reads the whole log."""
 
 
 def parts_of(log: Any) -> list[Any]:

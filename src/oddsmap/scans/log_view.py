@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from oddsmap.scans.log import Log, SensorInfo
+from oddsmap.scans.log_items import LogItems
 from oddsmap.scans.memory_log import BadLine
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
@@ -17,7 +18,7 @@ __all__ = ["LogView"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LogView:
+class LogView(LogItems):
     """All scans of another log; satisfies `Log`. Made to be derived from.
 
     Args:

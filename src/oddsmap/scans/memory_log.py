@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from oddsmap.scans.log import SensorInfo
+from oddsmap.scans.log_items import LogItems
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
@@ -23,7 +24,7 @@ class BadLine:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LoadedLog:
+class LoadedLog(LogItems):
     """All scans of a log, in file order; satisfies the `Log` protocol.
 
     Args:

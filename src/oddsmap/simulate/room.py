@@ -68,5 +68,5 @@ def room_walk(pose_count: int = 60) -> tuple[Pose3, ...]:
         ahead = np.array([math.cos(yaw) * math.cos(down), math.sin(yaw) * math.cos(down),
                           -math.sin(down)])  # fmt: skip
         right = np.array([math.sin(yaw), -math.cos(yaw), 0.0])
-        poses.append(Pose3(np.stack([right, np.cross(ahead, right), ahead], axis=1), position))
+        poses.append(Pose3(position, np.stack([right, np.cross(ahead, right), ahead], axis=1)))
     return tuple(poses)

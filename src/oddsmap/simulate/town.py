@@ -76,7 +76,7 @@ def drive3d(
         yaw = _heading(angle)
         pitch, roll = math.radians(2) * math.sin(0.7 * i), math.radians(2) * math.cos(1.1 * i)
         z = _height(ground, x, y) + height
-        poses.append(Pose3(_rotation(yaw, pitch, roll), np.array([x, y, z])))
+        poses.append(Pose3(np.array([x, y, z]), _rotation(yaw, pitch, roll)))
     return tuple(poses)
 
 

@@ -51,7 +51,7 @@ def test_into_how_many_parts_a_scan_is_cut_changes_no_bit(
     ways = rng.normal(size=(30, 3))
     places = np.repeat(rng.normal(size=(5, 3)), [1, 9, 2, 0, 18], axis=0)
     ways /= np.linalg.norm(ways, axis=1)[:, None]
-    scan = Scan(Pose3(np.eye(3), np.zeros(3)), ways, rng.uniform(1.0, 9.0, 30), beam_origins=places)
+    scan = Scan(Pose3(np.zeros(3), np.eye(3)), ways, rng.uniform(1.0, 9.0, 30), beam_origins=places)
 
     def mapped() -> Votes:
         evidence = EvidenceMap(0.5, ndim=3, votes="beam")
