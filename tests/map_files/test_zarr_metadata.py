@@ -10,7 +10,7 @@ import pytest
 import zarr
 from zarr.codecs import ZstdCodec
 
-from oddsmap.map_files.zarr_metadata import array_json, group_json
+from oddsmap.map_files.zarr_metadata import array_json, axis_json, group_json
 
 ATTRIBUTES: dict[str, Any] = {"a": 1.0, "b": [1, 2], "c": {"d": None, "é": "ü"}, "e": True}
 
@@ -27,6 +27,15 @@ def test_an_array(d: int, dtype: str, tmp_path: Path) -> None:
     )  # fmt: skip
     written = (tmp_path / "a.zarr" / "zarr.json").read_text()
     assert array_json(shape, 64, 16, dtype, fill, ATTRIBUTES) == written
+
+
+def test_an_axis(tmp_path: Path) -> None:
+    zarr.create_array(
+        tmp_path / "x", shape=(70,), chunks=(70,), dtype="float64", fill_value=0.0,
+        compressors=ZstdCodec(checksum=True), dimension_names=("x",), attributes=ATTRIBUTES,
+    )  # fmt: skip
+    written = (tmp_path / "x" / "zarr.json").read_text()
+    assert axis_json("x", 70, ATTRIBUTES) == written
 
 
 def test_a_group(tmp_path: Path) -> None:

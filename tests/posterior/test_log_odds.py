@@ -183,6 +183,8 @@ def test_xarray() -> None:
     evidence = EvidenceMap(0.5)
     add_votes(evidence, {(-2, 7): (ONE, 0), (3, 9): (0, ONE)})
     array = evidence.log_odds(prior=0.4).to_xarray()
+    assert (array.observed.values == evidence.log_odds().observed()).all()
+    assert array.observed.dims == ("y", "x")
     assert array.dims == ("y", "x")
     assert array.x.values.tolist() == [-0.75, -0.25, 0.25, 0.75, 1.25, 1.75]
     assert array.y.values.tolist() == [3.75, 4.25, 4.75]

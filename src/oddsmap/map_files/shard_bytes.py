@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 
-__all__ = ["pack_shard", "shard_index", "unpack_chunk"]
+__all__ = ["pack_axis", "pack_shard", "shard_index", "unpack_chunk"]
 
 _LEVEL = 0  # of compression: zstd's own choice
 _EMPTY = (1 << 64) - 1  # offset and length of a chunk that is not written
@@ -59,6 +59,14 @@ def pack_shard(
         at += len(frame)
     end = index.tobytes()
     return b"".join([*frames, end, _crc32c(end).to_bytes(4, "little")])
+
+
+def pack_axis(numbers: npt.NDArray[np.floating[Any]]) -> bytes:
+    """Pack the coordinates along an axis as one zstd frame."""
+    from numcodecs.zstd import compress
+
+    frame: bytes = compress(numbers.astype("<f8", copy=False), _LEVEL, True)
+    return frame
 
 
 def shard_index(content: bytes, count: int, name: str) -> dict[int, bytes]:

@@ -17,9 +17,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from oddsmap.atomic_write import atomic_output, check_output
-from oddsmap.map_files.shard_bytes import pack_shard
-from oddsmap.map_files.zarr_metadata import array_json, group_json
+from oddsmap.map_files.shard_bytes import pack_axis, pack_shard
+from oddsmap.map_files.zarr_metadata import AXES, array_json, axis_json, group_json
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -52,6 +54,9 @@ CHUNK = {2: 128, 3: 32}
 """Side of a chunk [cells], the unit of compression."""
 SHARD = {2: 1024, 3: 128}
 """Side of a shard [cells], which is one file."""
+
+# Coordinates of more cells are not written, or two far cells would make a map of gigabytes.
+_LONGEST_AXIS = 1 << 22
 
 # What `digest` covers. Other attributes are other people's.
 _OF_GROUP = (
@@ -116,9 +121,20 @@ class NewFolder:
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
 
-    def seal(self, attributes: Mapping[str, object]) -> None:
-        """Write the group, once all shards are written."""
+    def _write_axes(self, origin_cell: list[int], resolution: float) -> None:
+        """Write where the cells' centres lie, for readers that know coordinates (xarray)."""
+        for name, first, count in zip(AXES[::-1], origin_cell, self.shape[::-1], strict=False):
+            if count <= _LONGEST_AXIS:
+                centres = (np.arange(first, first + count) + 0.5) * resolution
+                (self.path / name / "c").mkdir(parents=True)
+                text = axis_json(name, count, {"units": "m", "long_name": f"{name} of the centre"})
+                (self.path / name / "zarr.json").write_text(text, encoding="ascii")
+                (self.path / name / "c" / "0").write_bytes(pack_axis(centres))
+
+    def seal(self, attributes: Mapping[str, Any]) -> None:
+        """Write the group, once all shards are written, and the coordinates."""
         d = len(self.shape)
+        self._write_axes(attributes["origin_cell"], attributes["resolution"])
         written = {name: shard_files(self.path, name, d) for name in self._fills}
         # As a reader will have them: a tuple is a list there.
         own = json.loads(json.dumps({**attributes, "shards": written, "save": self.save}))
@@ -178,6 +194,8 @@ def _is_part(parts: tuple[str, ...], arrays: tuple[str, ...]) -> bool:
         return True
     if parts == ("zarr.json",):
         return True
+    if parts[0] in AXES:
+        return parts[1:] in (("zarr.json",), ("c", "0"))
     if parts[0] not in arrays:
         return False
     return parts[1:] == ("zarr.json",) or (

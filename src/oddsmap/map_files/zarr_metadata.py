@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["array_json", "group_json"]
+__all__ = ["AXES", "array_json", "axis_json", "group_json"]
 
-_AXES = ("z", "y", "x")
+AXES = ("z", "y", "x")
 
 
 def group_json(attributes: Mapping[str, Any]) -> str:
@@ -42,29 +42,54 @@ def array_json(
         fill_value: of cells that are not written.
         attributes: of the array.
     """
-    d, kind = len(shape), np.dtype(dtype)
-    order: dict[str, Any] = {"name": "bytes"}
-    if kind.itemsize > 1:
-        order["configuration"] = {"endian": "little"}
+    d = len(shape)
     sharding = {
         "chunk_shape": [chunk] * d,
-        "codecs": [order, {"name": "zstd", "configuration": {"level": 0, "checksum": True}}],
+        "codecs": _packed(np.dtype(dtype)),
         "index_codecs": [
             {"name": "bytes", "configuration": {"endian": "little"}},
             {"name": "crc32c"},
         ],
         "index_location": "end",
     }
+    codecs = [{"name": "sharding_indexed", "configuration": sharding}]
+    return _array(shape, (shard,) * d, dtype, fill_value, codecs, attributes, AXES[-d:])
+
+
+def axis_json(name: str, count: int, attributes: Mapping[str, Any]) -> str:
+    """The `zarr.json` of the coordinates along one axis, float64 in one zstd frame."""
+    codecs = _packed(np.dtype(np.float64))
+    return _array((count,), (count,), np.float64, 0.0, codecs, attributes, (name,))
+
+
+def _packed(kind: np.dtype[Any]) -> list[dict[str, Any]]:
+    order: dict[str, Any] = {"name": "bytes"}
+    if kind.itemsize > 1:
+        order["configuration"] = {"endian": "little"}
+    return [order, {"name": "zstd", "configuration": {"level": 0, "checksum": True}}]
+
+
+def _array(
+    shape: tuple[int, ...],
+    chunk_shape: tuple[int, ...],
+    dtype: npt.DTypeLike,
+    fill_value: float,
+    codecs: list[dict[str, Any]],
+    attributes: Mapping[str, Any],
+    names: tuple[str, ...],
+) -> str:
+    kind = np.dtype(dtype)
+    chunk_grid = {"name": "regular", "configuration": {"chunk_shape": list(chunk_shape)}}
     return _text(
         {
             "shape": list(shape),
             "data_type": kind.name,
-            "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [shard] * d}},
+            "chunk_grid": chunk_grid,
             "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
             "fill_value": np.full((), fill_value, kind).item(),
-            "codecs": [{"name": "sharding_indexed", "configuration": sharding}],
+            "codecs": codecs,
             "attributes": dict(attributes),
-            "dimension_names": list(_AXES[-d:]),
+            "dimension_names": list(names),
             "zarr_format": 3,
             "node_type": "array",
             "storage_transformers": [],

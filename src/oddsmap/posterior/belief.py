@@ -207,6 +207,9 @@ class Belief(Queries, ABC):
     def to_xarray(self, region: Region | None = None) -> xarray.DataArray:
         """Probabilities with coordinates of the cells' centres [m]; needs the extra `xarray`.
 
+        A further coordinate, `observed`, tells cells that were seen from those that have the
+        prior's probability: `array.where(array.observed)`.
+
         Raises:
             ConfigError: xarray is not installed.
         """
@@ -216,14 +219,15 @@ class Belief(Queries, ABC):
             raise ConfigError("xarray is not installed: pip install 'oddsmap[xarray]'") from None
         lo, hi = self._region(region)
         names = ("x", "y", "z")[: self.ndim]
-        axes = {
+        coords: dict[str, Any] = {
             name: (name, (np.arange(a, b) + 0.5) * self.resolution, {"units": "m"})
             for name, a, b in zip(names, lo, hi, strict=True)
         }
+        coords["observed"] = (names[::-1], self.observed((lo, hi)))
         return xarray.DataArray(
-            self.probability(region),
+            self.probability((lo, hi)),
             dims=names[::-1],
-            coords=axes,
+            coords=coords,
             name="probability",
             attrs={"resolution": self.resolution, **self._notes()},
         )
