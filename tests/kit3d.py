@@ -104,7 +104,7 @@ def random_space_scans(seed: int, count: int, beams: int = 40, reach: float = 6.
         ranges[rng.random(beams) < 0.05] = np.nan
         directions = rng.normal(size=(beams, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        pose = Pose3(rng.uniform(-4.0, 4.0, 3), random_rotation(rng))
+        pose = Pose3(rotation=random_rotation(rng), translation=rng.uniform(-4.0, 4.0, 3))
         scans.append(Scan(pose, directions, ranges))
     return scans
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.add_more import add_more
@@ -234,6 +235,7 @@ def load_map(
     *,
     lo: npt.ArrayLike | None = None,
     hi: npt.ArrayLike | None = None,
+    box: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
 ) -> EvidenceMap:
     """Read a map, or the cells of a box of it.
 
@@ -241,10 +243,17 @@ def load_map(
         path: a folder that `EvidenceMap.save` wrote.
         lo: first cell to read, shape (d,), x first; None: all.
         hi: past the last cell to read, shape (d,); None: all.
+        box: in place of both, lowest and highest corner [m], shape (d,) each, as in
+            `EvidenceMap.crop_box`.
 
     Raises:
-        InputError: not a map, damaged, or of a newer format.
+        InputError: not a map, damaged, or of a newer format; or no such box.
     """
-    from oddsmap.evidence.store import read_map
+    from oddsmap.evidence.store import read_empty, read_map
+
+    if box is not None:
+        if lo is not None or hi is not None:
+            raise InputError("a part of a map is given in cells, lo= and hi=, or in metres, box=")
+        lo, hi = read_empty(path, EvidenceMap).region_of(*box)
 
     return read_map(path, EvidenceMap, lo=lo, hi=hi)

@@ -167,7 +167,7 @@ def test_plain_zarr_reads_it(tmp_path: Path) -> None:
     path = tmp_path / "a.zarr"
     a_map({(-3, 2000): (2 * ONE, 0), (1500, 7): (0, 5 * ONE)}).save(path)
     root = root_of(path)
-    assert sorted(root.array_keys()) == ["hits", "passes"]
+    assert sorted(root.array_keys()) == ["hits", "passes", "x", "y"]
     at: Any = root.attrs
     assert at["origin_cell"] == [-1024, 0]
     assert at["origin"] == [-512.0, 0.0]
@@ -497,3 +497,15 @@ def test_weights_beyond_the_limit(saved: Path) -> None:
     edit(path / "passes" / "zarr.json", weight_unit=1.0)
     edit(path / "hits" / "zarr.json", weight_unit=1.0)
     assert "2^46 votes" in one_line(path)
+
+
+def test_a_box_of_metres_is_read_alone(tmp_path: Path) -> None:
+    whole = a_map({(x, y): (x * ONE, y * ONE) for x in range(1, 9) for y in range(1, 9)})
+    whole.save(tmp_path / "a.zarr")
+    part = load_map(tmp_path / "a.zarr", box=((1.0, 1.2), (3.0, 2.9)))
+    assert votes_of(part) == votes_of(whole.crop_box((1.0, 1.2), (3.0, 2.9)))
+    assert votes_of(part)
+    with pytest.raises(InputError, match="lo= and hi=, or in metres, box="):
+        load_map(tmp_path / "a.zarr", lo=[0, 0], box=((1.0, 1.2), (3.0, 2.9)))
+    with pytest.raises(InputError, match="lowest corner before"):
+        load_map(tmp_path / "a.zarr", box=((1.0, 1.2), (1.0, 2.9)))

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
@@ -124,6 +124,8 @@ class TestRoundTrip:
     def test_scale_keeps_state_and_probability(
         self, grid: ProbabilityMap, limit: Thresholds
     ) -> None:
+        # Closer together, they may leave no grey that reads as a probability between them.
+        assume(limit.occupied - limit.free >= 0.07)
         again = round_trip(grid, "scale", limit)
         assert np.array_equal(again.observed, grid.observed)
         assert np.array_equal(again.state(thresholds=limit), grid.state(thresholds=limit))

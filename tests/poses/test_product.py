@@ -43,7 +43,7 @@ def test_products(d: int) -> None:
 
 def test_poses_in_space() -> None:
     for _ in range(50):
-        one, other = (Pose3(RNG.normal(size=3), rotation()) for _ in range(2))
+        one, other = (Pose3(rotation=rotation(), translation=RNG.normal(size=3)) for _ in range(2))
         points = RNG.normal(size=(20, 3))
         moved = np.array(by_hand(points, one.rotation.T)) + one.translation
         assert one.transform(points).tolist() == moved.tolist()

@@ -49,6 +49,15 @@ def test_the_posterior_is_a_gamma_distribution(evidence: EvidenceMap) -> None:
         assert (want.logpdf(mode) >= want.logpdf(other)).all()
 
 
+def test_points_have_the_mean_of_their_cells(evidence: EvidenceMap) -> None:
+    view = evidence.decay_rate(shape=1.5)
+    lo, hi = view.region_of((-3.0, -3.0), (3.0, 3.0))
+    cells = np.stack(np.meshgrid(np.arange(lo[0], hi[0]), np.arange(lo[1], hi[1])), axis=-1)
+    points = view.centre_of(cells.reshape(-1, 2)) + 0.1
+    assert np.array_equal(view.at(points), view.mean((lo, hi)).ravel())
+    assert view.at([[1e6, 0.0]]).tolist() == [1.5 / 0.25]
+
+
 def test_the_chance_of_passing_is_an_expectation(evidence: EvidenceMap) -> None:
     view = evidence.decay_rate()
     index, shape, rate = view.cells()

@@ -126,6 +126,27 @@ def test_cells_and_their_centres(ndim: int) -> None:
         grid.centre_of(np.zeros((1, ndim)))
 
 
+@pytest.mark.parametrize("ndim", [2, 3])
+def test_the_region_of_a_box_has_the_cells_whose_centres_lie_in_it(ndim: int) -> None:
+    view = evidence(ndim).log_odds()
+    lo, hi = np.array([-1.1, 0.0, 0.3])[:ndim], np.array([0.13, 2.0, 0.9])[:ndim]
+    first, past = view.region_of(lo, hi)
+    every = np.indices((30,) * ndim).reshape(ndim, -1).T - 15
+    centres = view.centre_of(every)
+    inside = ((centres >= lo) & (centres < hi)).all(axis=1)
+    assert np.array_equal(((every >= first) & (every < past)).all(axis=1), inside)
+    box = evidence(ndim).crop_box(lo, hi)
+    region = view.region_of(lo, hi)
+    assert np.array_equal(view.probability(region), box.log_odds().probability(region))
+    if ndim == 2:
+        plane = view.to_probability_map()
+        low, high = plane.region_of(lo, hi)
+        assert np.allclose(plane.centre_of([low, high]), view.centre_of([first, past]))
+        turned = oddsmap.ProbabilityMap(plane.probability, plane.observed, RESOLUTION, yaw=0.1)
+        with pytest.raises(InputError, match=r"turned by 0.1 rad"):
+            turned.region_of(lo, hi)
+
+
 class Plain(Placed):
     ndim, resolution = 2, 0.5
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.cell_index import box_cells, cell_box, cell_indices, check_room
+from oddsmap.cell_index import cell_box, cell_indices, check_room
 from oddsmap.config.config import Config, MapConfig, PosteriorConfig
 from oddsmap.errors import ConfigError, InputError, shown
 from oddsmap.evidence.arithmetic import (
@@ -387,7 +387,7 @@ class Evidence(Placed):
         Raises:
             InputError: they are not d numbers each, or hi is not above lo.
         """
-        return self.crop(*box_cells(lo, hi, self.resolution, self.ndim))
+        return self.crop(*self.region_of(lo, hi))
 
     def rescaled(self, t_ref_ns: int) -> Self:
         """A new map whose half-life counts back from a later time, to go on with later scans.

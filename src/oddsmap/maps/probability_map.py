@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.cell_index import cell_indices
+from oddsmap.cell_index import box_cells, cell_indices
 from oddsmap.errors import InputError
 from oddsmap.odds import Thresholds
 from oddsmap.query.places import check_places, points_in
@@ -76,6 +76,17 @@ class ProbabilityMap(Queries):
         turn, corner = self._frame()
         centre: FloatArray = (cell_indices(cells, 2) + 0.5) * self.resolution @ turn.T + corner
         return centre
+
+    def region_of(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> tuple[IntArray, IntArray]:
+        """The cells of a box of metres, which count from `origin`: see `Placed.region_of`.
+
+        Raises:
+            InputError: as there, or the map is turned: its cells make no box along the axes.
+        """
+        if self.yaw != 0.0:
+            raise InputError(f"the map is turned by {self.yaw:g} rad: its cells make no such box")
+        low, high = (np.asarray(corner, np.float64) - self.origin for corner in (lo, hi))
+        return box_cells(low, high, self.resolution, 2)
 
     def ray_caster(self, *, thresholds: Thresholds | None = None) -> RayCaster:
         """The states of all cells, to cast rays: see `Queries.ray_caster`."""

@@ -34,6 +34,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.query.places import Placed
 
 __all__ = ["DecayQuantity", "DecayRate"]
 
@@ -41,7 +42,7 @@ Region = tuple[npt.ArrayLike, npt.ArrayLike]
 DecayQuantity = Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-pass"]
 
 
-class DecayRate:
+class DecayRate(Placed):
     """p(decay rate | z_1:t) of each cell, a Gamma distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -80,8 +81,33 @@ class DecayRate:
                 "decay rates need the length of beams inside cells, which this map does not keep: "
                 'build it with map.path_lengths and votes "beam"'
             )
-        self.evidence = evidence
+        self.evidence, self._lengths = evidence, evidence.lengths
         self.shape, self.rate, self.level = float(shape), float(length), level
+
+    @property
+    def ndim(self) -> int:
+        """2 or 3."""
+        return self.evidence.ndim
+
+    @property
+    def resolution(self) -> float:
+        """Side of a cell [m]."""
+        return self.evidence.resolution
+
+    def at(self, points: npt.ArrayLike) -> FloatArray:
+        """Expected decay rate at points [1/m], shape (n,); the prior's where nothing was seen.
+
+        Args:
+            points: in the map frame [m], shape (n, d), x first.
+
+        Raises:
+            InputError: as in `cell_of`.
+        """
+        cells = self.cell_of(points)
+        hits, _ = self.evidence.tiles.at(cells)
+        _, lengths = self._lengths.at(cells)
+        unit = self.resolution / ONE
+        return np.asarray((self.shape + hits / ONE) / (self.rate + lengths * unit))
 
     def mean(self, region: Region | None = None) -> FloatArray:
         """Expected decay rate [1/m]: (shape + hits) / (rate + length)."""

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.cell_index import cell_indices
+from oddsmap.cell_index import box_cells, cell_indices
 from oddsmap.errors import InputError
 from oddsmap.limits import MAX_COORDINATE
 
@@ -68,6 +68,28 @@ class Placed:
             InputError: another shape, no whole numbers, or cells beyond 2^46 from the map's origin.
         """
         return (cell_indices(cells, self.ndim).astype(np.float64) + 0.5) * self.resolution
+
+    def region_of(
+        self: CellGrid, lo: npt.ArrayLike, hi: npt.ArrayLike
+    ) -> tuple[IntArray, IntArray]:
+        """The region of cells of a box of metres, for whatever takes one.
+
+        A cell belongs to it if its centre lies in the box: boxes side by side share no cell and
+        leave none out.
+
+            view.probability(view.region_of((0.0, 0.0), (40.0, 25.0)))
+
+        Args:
+            lo: lowest corner [m], shape (d,), x first; a centre on it is inside.
+            hi: highest corner [m], shape (d,); a centre on it is outside.
+
+        Returns:
+            First cell and past the last, shape (d,) each, x first.
+
+        Raises:
+            InputError: they are not d finite numbers each, or hi is not above lo.
+        """
+        return box_cells(lo, hi, self.resolution, self.ndim)
 
 
 def points_in(points: npt.ArrayLike, ndim: int, what: str = "points") -> FloatArray:
