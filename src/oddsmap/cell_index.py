@@ -117,8 +117,8 @@ def indices_in(index: npt.ArrayLike) -> IntArray:
     if given.dtype.kind not in "iu":
         example = given.ravel()[0]
         raise InputError(
-            f"cells are named by whole numbers, got {example} ({given.dtype}): an index is "
-            "floor(metres / resolution), as integers"
+            f"cells are named by whole numbers, got {example} ({given.dtype}): cell_of(points) "
+            "says which cells hold points [m], region_of(lo, hi) which lie in a box"
         )
     reach = 2 * int(MAX_COORDINATE)  # a sensor may stand that far away, and beams go on
     # As Python integers: the largest of them may not fit int64.

@@ -337,3 +337,16 @@ def test_a_full_map_has_no_counts_to_look_at_anew(
 def test_a_full_map_is_no_reflection_map(run: Run, flat_map: Path, tmp_path: Path) -> None:
     words = ("export", flat_map, tmp_path / "m.png", "--posterior", "reflection")
     assert "needs hits and passes" in run(*words).line
+
+
+def test_the_posterior_of_a_full_map_by_its_name(run: Run, flat_map: Path, tmp_path: Path) -> None:
+    words = ("--posterior", "full-map", "--occupied", 0.8, "--free", 0.1)
+    assert run("export", flat_map, tmp_path / "a.yaml", *words).status == 0
+    assert run("export", flat_map, tmp_path / "b.yaml", *words[2:]).status == 0
+    assert (tmp_path / "a.pgm").read_bytes() == (tmp_path / "b.pgm").read_bytes()
+    grid = oddsmap.EvidenceMap(0.1)
+    grid.add(oddsmap.Scan.from_angles((0.0, 0.0, 0.0), [0.0], [1.0]))
+    grid.save(tmp_path / "filter.zarr")
+    line = run("export", tmp_path / "filter.zarr", tmp_path / "c.yaml", *words).line
+    assert "not a full map" in line
+    assert "oddsmap build LOG --estimator full-map makes one" in line

@@ -94,3 +94,9 @@ def test_boxes_that_are_none() -> None:
     with pytest.raises(MapTooLargeError, match=r"2048 x 1024 x 1025 cells.*leaf_state"):
         voxels.state(((0, 0, 0), (2048, 1024, 1025)))
     assert VoxelMap(np.zeros((0, 3), np.int64), np.zeros(0), 0.1).state().shape == (0, 0, 0)
+
+
+def test_indices_of_voxels_are_whole_numbers() -> None:
+    voxels = VoxelMap(np.array([[0, 0, 0]]), np.array([1.0]), 0.1)
+    with pytest.raises(InputError, match=r"whole numbers, got 0.5 .*region_of\(lo, hi\)"):
+        voxels.state(((0.5, 0, 0), (2, 2, 2)))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from oddsmap.cli.export_sources import Source
     from oddsmap.cli.voice import Voice
 
-__all__ = ["write_log_odds"]
+__all__ = ["write_full_map", "write_log_odds"]
 
 
 def write_log_odds(
@@ -57,6 +57,25 @@ def write_log_odds(
     if isinstance(view, Belief):
         view.thresholds = limits
     return _WRITERS[kind](view, output, options, force)
+
+
+def write_full_map(
+    source: Path, output: Path, options: Mapping[str, Any], force: bool, voice: Voice
+) -> Written:
+    """Write a full map, whose one posterior this is; arguments and errors as `write_log_odds`.
+
+    Raises:
+        InputError: another kind of map.
+    """
+    from oddsmap.errors import InputError
+    from oddsmap.full_map.store import is_full_map
+
+    if source.exists() and not is_full_map(source):
+        raise InputError(
+            f"{source}: not a full map, and hits and passes no longer tell which beam met which "
+            "cells: oddsmap build LOG --estimator full-map makes one from the log"
+        )
+    return write_log_odds(source, output, options, force, voice)
 
 
 def _check_values(options: Mapping[str, Any], prior: float | None) -> None:

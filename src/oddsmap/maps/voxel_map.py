@@ -150,9 +150,7 @@ class VoxelMap(Queries):
         box = (self.bounds() or nothing) if region is None else region
         if isinstance(box, Thresholds) or [np.shape(end) for end in box] != [(3,), (3,)]:
             raise InputError(f"state takes a region (lo, hi), thresholds by name; got {box!r}")
-        lo, hi = (np.asarray(end, np.int64) for end in box)
-        if (hi < lo).any():
-            raise InputError(f"a region needs lo <= hi, got {lo.tolist()} and {hi.tolist()}")
+        lo, hi = cell_box(box[0], box[1], 3)
         shape = tuple(int(n) for n in (hi - lo)[::-1])
         if math.prod(shape) > _MAX_BOX:
             raise MapTooLargeError(
