@@ -24,8 +24,8 @@ CAMERA = oddsmap.PinholeCamera(10.0, 10.0, 1.5, 1.5, width=4, height=4)
 
 
 NAMES = [
-    "BeamSensor", "Beams", "ConeSensor", "DecayRate", "DepthScan", "EvidenceMap", "ForwardModel",
-    "FullMap", "FullMapConfig", "GridScan", "LogOdds", "OverheadSensor", "PinholeCamera", "Pose2",
+    "BeamSensor", "Beams", "Calibrated", "ConeSensor", "DecayRate", "DepthScan", "EvidenceMap",
+    "ForwardModel", "FullMap", "FullMapConfig", "GridScan", "LogOdds", "OverheadSensor", "PinholeCamera", "Pose2",
     "Pose3", "ProbabilityMap", "Reflection", "Scan", "State", "Thresholds", "Trajectory",
     "VoxelMap",
 ]  # fmt: skip
@@ -41,6 +41,7 @@ def held() -> dict[str, Any]:
     return {
         "BeamSensor": oddsmap.BeamSensor(),
         "Beams": oddsmap.Beams.from_scans(SCANS)[0],
+        "Calibrated": grid.calibrated(),
         "ConeSensor": CONE,
         "DecayRate": grid.decay_rate(),
         "DepthScan": oddsmap.DepthScan.from_depth(np.eye(4), np.ones((4, 4)), CAMERA),

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from oddsmap.plausibility.doubts import check_log
     from oddsmap.poses.pose import Pose2, Pose3
     from oddsmap.poses.trajectory import Trajectory
+    from oddsmap.posterior.calibrated import Calibrated
     from oddsmap.posterior.changes import changed
     from oddsmap.posterior.comparison import compare
     from oddsmap.posterior.decay_rate import DecayRate
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BeamSensor",
     "Beams",
+    "Calibrated",
     "ConeSensor",
     "ConfigError",
     "DecayRate",
@@ -130,6 +132,7 @@ __all__ = [
 _HOME = {
     "BeamSensor": "sensors.beam",
     "Beams": "forward.beams",
+    "Calibrated": "posterior.calibrated",
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
     "DecayRate": "posterior.decay_rate",

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from oddsmap.odds import Thresholds
+    from oddsmap.posterior.calibrated import Calibrated
+    from oddsmap.posterior.cell_classes import CellClasses
     from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import MapLike
@@ -101,6 +103,26 @@ class EvidenceMap(Evidence):
         return LogOdds(
             self, p_hit=p_hit, p_miss=p_miss, prior=prior, thresholds=thresholds, clamp=clamp
         )
+
+    def calibrated(
+        self,
+        *,
+        prior: float | MapLike | None = None,
+        thresholds: Thresholds | None = None,
+        clamp: tuple[float, float] | None = None,
+        classes: CellClasses | None = None,
+    ) -> Calibrated:
+        """Probabilities fitted to this map's counts: see `oddsmap.posterior.calibrated`.
+
+        Args:
+            prior: p(x), a number or a map of it; default: the fitted share of occupied cells.
+            thresholds: from which probabilities a cell is free or occupied; default: the map's.
+            clamp: lowest and highest probability of the view; None: as they are.
+            classes: what was fitted to another map (`Calibrated.classes`); None: to this one.
+        """
+        from oddsmap.posterior.calibrated import Calibrated
+
+        return Calibrated(self, prior=prior, thresholds=thresholds, clamp=clamp, classes=classes)
 
     def reflection(
         self,

@@ -63,7 +63,10 @@ def test_png(run: Run, saved: Path, tmp_path: Path) -> None:
         (["x.npz", "--prior", "2"], "prior is a probability"),
         (["x.npz", "--prior", "other.zarr"], "neither a number nor a file"),
         (["x.npz", "--p-hit", "0.3"], "p_miss < 0.5 < p_hit"),
-        (["x.npz", "--posterior", "refraction"], "known: log-odds, full-map, reflection"),
+        (
+            ["x.npz", "--posterior", "refraction"],
+            "known: log-odds, calibrated, full-map",
+        ),
     ],
 )
 def test_export_failures(
@@ -84,7 +87,7 @@ def test_export_refuses_what_exists(run: Run, saved: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("hall.zarr", "m.npz", "--posterior", "odds"), "known: log-odds, full-map, reflection"),
+        (("hall.zarr", "m.npz", "--posterior", "odds"), "known: log-odds, calibrated, full-map"),
         (("hall.zarr", "m.png", "--show", "mean"), "--show belongs to --posterior reflection"),
         (("hall.zarr", "m.npz", "--beta-a", 2), "--beta-a belongs to --posterior reflection"),
         (("hall.zarr", "m.npz", "--posterior", "reflection", "--prior", 0.3),

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import typer
 
 from oddsmap.cli.build_plan import EXPORTED
-from oddsmap.cli.export_log_odds import write_full_map, write_log_odds
+from oddsmap.cli.export_log_odds import write_calibrated, write_full_map, write_log_odds
 from oddsmap.cli.export_rates import write_decay, write_reflection
 from oddsmap.cli.options import Quiet, Verbose, flag, force_option
 from oddsmap.cli.progress import working
@@ -109,7 +109,7 @@ def export(
         str,
         typer.Option(
             metavar="NAME",
-            help="Which view: log-odds, reflection or decay; full-map: of such a map.",
+            help="Which view: log-odds, calibrated, reflection or decay; full-map: of such a map.",
             autocompletion=complete_view,
         ),
     ] = "log-odds",
@@ -276,6 +276,10 @@ _VIEWS = {
     "log-odds": _View(
         write_log_odds,
         frozenset({*_OF_FILES, *_OF_CELLS, "z_min", "z_max", "ground"}),
+    ),
+    "calibrated": _View(
+        write_calibrated,
+        frozenset({*_OF_FILES, "prior", "free", "occupied", "z_min", "z_max", "ground"}),
     ),
     "full-map": _View(
         write_full_map,

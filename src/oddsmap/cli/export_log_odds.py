@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from oddsmap.cli.export_sources import Source
     from oddsmap.cli.voice import Voice
 
-__all__ = ["write_full_map", "write_log_odds"]
+__all__ = ["write_calibrated", "write_full_map", "write_log_odds"]
 
 
 def write_log_odds(
@@ -40,6 +40,25 @@ def write_log_odds(
     Raises:
         OddsmapError: an option does not fit the map or the file, or one cannot be read or written.
     """
+    return _write(source, output, options, force, voice, calibrated=False)
+
+
+def write_calibrated(
+    source: Path, output: Path, options: Mapping[str, Any], force: bool, voice: Voice
+) -> Written:
+    """Write probabilities fitted to the map's counts; arguments and errors as `write_log_odds`."""
+    return _write(source, output, options, force, voice, calibrated=True)
+
+
+def _write(
+    source: Path,
+    output: Path,
+    options: Mapping[str, Any],
+    force: bool,
+    voice: Voice,
+    *,
+    calibrated: bool,
+) -> Written:
     from oddsmap.posterior.belief import Belief
 
     kind = kind_of(output, options)
@@ -52,7 +71,7 @@ def write_log_odds(
     _check_values(options, number)
     check_files([source, prior_file], output, force=force, is_bag=kind == "ros2-bag")
     prior = number if prior_file is None else prior_map(prior_file, voice)
-    view = open_source(source, prior, rates, voice)
+    view = open_source(source, prior, rates, voice, calibrated=calibrated)
     limits = thresholds_of(view, options)
     if isinstance(view, Belief):
         view.thresholds = limits

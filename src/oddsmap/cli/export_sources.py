@@ -35,15 +35,21 @@ def is_ros_map(path: Path) -> bool:
 
 
 def open_source(
-    source: Path, prior: float | MapLike | None, rates: Mapping[str, Any], voice: Voice
+    source: Path,
+    prior: float | MapLike | None,
+    rates: Mapping[str, Any],
+    voice: Voice,
+    *,
+    calibrated: bool = False,
 ) -> Source:
-    """Open a map, with the view of its log odds where it has counts.
+    """Open a map, with the view of its log odds where it has counts, or the calibrated one.
 
     Args:
         source: a saved map, a full map, an OctoMap, or the YAML of a ROS map.
         prior: for a map with counts; None: the map's own.
         rates: p_hit, p_miss and clamp, likewise.
         voice: says what is doubtful about a ROS map.
+        calibrated: which view; a map without counts has none.
 
     Raises:
         OddsmapError: it is none of these, or has no counts and is asked for what needs them.
@@ -58,6 +64,10 @@ def open_source(
     kind = "an OctoMap" if is_octomap(source) else "a full map" if is_full_map(source) else None
     if is_ros_map(source):
         kind = "a ROS map"
+    if kind is not None and calibrated:
+        raise ConfigError(
+            f"{source}: {kind} has no counts, which --posterior calibrated is fitted to"
+        )
     if kind is not None and any(value is not None for value in (prior, *rates.values())):
         raise ConfigError(
             f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those, and so "
@@ -69,6 +79,8 @@ def open_source(
         return load_octomap(source) if is_octomap(source) else load_full_map(source)
     check_no_image(source)
     grid = load_map(source)
+    if calibrated:
+        return grid.calibrated(prior=prior, clamp=rates.get("clamp"))
     return grid.log_odds(prior=prior, **rates)
 
 

@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,9 @@ from oddsmap.posterior.prior import PriorMap, PriorSource
 from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
 from oddsmap.posterior.vote_table import VoteTable
 from oddsmap.query.queries import PointStates
+
+if TYPE_CHECKING:
+    from oddsmap.map_files.npz import Column
 
 __all__ = ["CountView"]
 
@@ -221,8 +224,13 @@ class CountView(Belief):
             probability=Column((count,), lambda: (p for _, p in self.parts(_single_probability))),
             observed=all_true(count),
             resolution=self.resolution,
+            extra=self._extra_columns(),
             force=force,
         )
+
+    def _extra_columns(self) -> dict[str, Column]:
+        """What else the view knows of each cell, for `save_npz`."""
+        return {}
 
     def parts(
         self, function: OfLogOdds, *, z: tuple[int, int] | None = None

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How many cells have which hits and passes: all that a model of counts is fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.evidence.evidence import Evidence
+from oddsmap.kernels.units import ONE
+
+__all__ = ["CountPairs", "count_pairs"]
+
+# Weights that fade or are shared have few pairs in common; beyond this many they are rounded to a
+# sixteenth of a vote, which no fit can tell from themselves.
+_MAX_PAIRS = 1 << 18
+_SIXTEENTH = ONE // 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CountPairs:
+    """The pairs of counts that occur in a map, in ascending order, hits first.
+
+    Args:
+        hits: weight of hits [votes], shape (n,).
+        passes: weight of passes [votes], shape (n,).
+        cells: how many cells have both, shape (n,).
+    """
+
+    hits: FloatArray
+    passes: FloatArray
+    cells: FloatArray
+
+
+def count_pairs(evidence: Evidence) -> CountPairs:
+    """Count the cells with evidence by their hits and passes.
+
+    The same counts give the same pairs, whatever the order and the tiles they are in.
+    """
+    found = _Pairs()
+    for _, hits, passes in evidence.tiles.parts():
+        found.add(hits, passes)
+    hits, passes, cells = found.sorted()
+    return CountPairs(hits / ONE, passes / ONE, cells.astype(np.float64))
+
+
+class _Pairs:
+    """Pairs of weights [1/65536 vote] with their numbers, as parts of a map are added."""
+
+    def __init__(self) -> None:
+        self._table = np.zeros(1 << 16, np.int64)  # of whole votes below 256
+        self._hits = np.empty(0, np.int64)
+        self._passes = np.empty(0, np.int64)
+        self._cells = np.empty(0, np.int64)
+
+    def add(self, hits: IntArray, passes: IntArray) -> None:
+        whole = ((hits | passes) % ONE == 0) & ((hits | passes) < 256 * ONE)
+        small = (hits[whole] // ONE << 8) | (passes[whole] // ONE)
+        self._table += np.bincount(small, minlength=len(self._table))
+        rest = ~whole
+        if rest.any():
+            ones = np.ones(np.count_nonzero(rest), np.int64)
+            self._merge(hits[rest], passes[rest], ones)
+
+    def sorted(self) -> tuple[IntArray, IntArray, IntArray]:
+        small = np.flatnonzero(self._table)
+        self._merge((small >> 8) * ONE, (small & 255) * ONE, self._table[small])
+        if len(self._cells) > _MAX_PAIRS:
+            self._hits = (self._hits + _SIXTEENTH // 2) // _SIXTEENTH * _SIXTEENTH
+            self._passes = (self._passes + _SIXTEENTH // 2) // _SIXTEENTH * _SIXTEENTH
+            nothing = np.empty(0, np.int64)
+            self._merge(nothing, nothing, nothing)
+        return self._hits, self._passes, self._cells
+
+    def _merge(self, hits: IntArray, passes: IntArray, cells: IntArray) -> None:
+        hits = np.concatenate([self._hits, hits])
+        passes = np.concatenate([self._passes, passes])
+        cells = np.concatenate([self._cells, cells])
+        order = np.lexsort((passes, hits))
+        hits, passes, cells = hits[order], passes[order], cells[order]
+        new = np.ones(len(hits), np.bool_)
+        new[1:] = (np.diff(hits) != 0) | (np.diff(passes) != 0)
+        first = np.flatnonzero(new)
+        self._hits, self._passes = hits[first], passes[first]
+        self._cells = np.add.reduceat(cells, first) if len(first) else cells
