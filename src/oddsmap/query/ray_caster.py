@@ -14,10 +14,12 @@ import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray, IntArray
 from oddsmap.errors import ConfigError, InputError
-from oddsmap.kernels.query.rays import ROOM, walk_rays
+from oddsmap.kernels.query.rays import walk_rays
+from oddsmap.kernels.query.stop_tree import SIDE_BITS, StopTree
 from oddsmap.odds import State
 from oddsmap.query.places import CellGrid, check_places, points_in
 from oddsmap.query.state_blocks import bit_of, fill_blocks
+from oddsmap.query.stop_tree import plant
 
 __all__ = ["RayCaster", "RayHits", "Until"]
 
@@ -75,12 +77,20 @@ class RayCaster:
     ) -> None:
         self.ndim, self.resolution = grid.ndim, grid.resolution
         self._frame = frame
-        self._blocks, self._lo, self._hi = fill_blocks(grid.ndim, parts)
+        self._blocks = fill_blocks(grid.ndim, parts)
+        self._trees: dict[int, tuple[StopTree, IntArray, IntArray]] = {}
 
     @property
     def nbytes(self) -> int:
         """Bytes of memory in use."""
-        return sum(array.nbytes for array in self._blocks)
+        trees = (array for tree, _, _ in self._trees.values() for array in tree)
+        return sum(array.nbytes for array in (*self._blocks, *trees))
+
+    def _tree(self, stop: np.uint8) -> tuple[StopTree, IntArray, IntArray]:
+        """Made when it is first asked for."""
+        if int(stop) not in self._trees:
+            self._trees[int(stop)] = plant(self._blocks, stop)
+        return self._trees[int(stop)]
 
     def cast(
         self,
@@ -116,11 +126,12 @@ class RayCaster:
         cell = np.full(way.shape, RayHits.NO_CELL)
         ended = np.zeros(len(way), np.uint8)
         stop = _bits(until)
+        tree, lo, hi = self._tree(stop)
 
         def walk(part: slice) -> None:
             walk_rays(
-                self._blocks, self._lo, self._hi, place[part], way[part],
-                max_range / self.resolution, stop, np.empty((ROOM, d)), np.empty((2, d), np.int64),
+                self._blocks, tree, SIDE_BITS[d], lo, hi, place[part], way[part],
+                max_range / self.resolution, stop, np.empty(d, np.int64),
                 distance[part], cell[part], ended[part],
             )  # fmt: skip
 
