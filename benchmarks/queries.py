@@ -147,6 +147,8 @@ def in_the_plane(
     occupied = state == oddsmap.State.OCCUPIED
     field = grid_rays.distances(occupied)
     exact = caster.cast(origins, ways, ACROSS).distance / FINE
+    places, scan = localised(plan, lidar, rng, count // 60)
+    by_field, by_beams = view.likelihood_field(ACROSS), view.beam_likelihood(ACROSS)
     apart = {}
     for name, found in (
         ("Bresenham", grid_rays.bresenham(occupied, starts, ways, reach)),
@@ -161,7 +163,20 @@ def in_the_plane(
             lambda: grid_rays.bresenham(occupied, starts, ways, reach), count
         ),
         "2D ray marching, dense": (lambda: grid_rays.march(field, starts, ways, reach), count),
+        "likelihood_field, beams": (
+            lambda: by_field.log_likelihood(places, scan, max_beams=60), 60 * len(places)
+        ),
+        "beam_likelihood, beams": (
+            lambda: by_beams.log_likelihood(places, scan, max_beams=60), 60 * len(places)
+        ),
     }, apart  # fmt: skip
+
+
+def localised(plan: Any, lidar: Any, rng: np.random.Generator, count: int) -> tuple[Any, Any]:
+    """Poses about that of a scan."""
+    pose = office_drive()[100]
+    places = rng.normal(size=(count, 3)) * (0.5, 0.5, 0.2) + (*pose.translation, pose.theta)
+    return places, lidar.scan(plan, pose, rng)
 
 
 def rate(job: Callable[[], object], count: int) -> float:

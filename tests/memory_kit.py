@@ -242,6 +242,18 @@ def asking(grid: Callable[[], Any]) -> Workload:
     return lambda _: repeat
 
 
+def localising(_: Path) -> Repeat:
+    """One scan from many poses, of models made anew and of models that are kept."""
+    kept = view().likelihood_field(20.0), view().beam_likelihood(20.0)
+
+    def repeat() -> None:
+        poses = np.random.default_rng(0).uniform(2.0, 8.0, (400, 3))
+        for model in (*kept, view().likelihood_field(20.0), view().beam_likelihood(20.0)):
+            model.log_likelihood(poses, lidar()[0], max_beams=60, threads=2)
+
+    return repeat
+
+
 def evaluating(_: Path) -> Repeat:
     p = np.random.default_rng(0).random((400, 400))
     return partial(oddsmap.evaluate, p, p > 0.4)

@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.projection.project import project
+    from oddsmap.query.beam_likelihood import BeamLikelihood
+    from oddsmap.query.likelihood_field import LikelihoodField
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
     from oddsmap.readers import open_log
@@ -68,6 +70,7 @@ if TYPE_CHECKING:
     from oddsmap.sensors.overhead import OverheadSensor
 
 __all__ = [
+    "BeamLikelihood",
     "BeamSensor",
     "Beams",
     "ConeSensor",
@@ -83,6 +86,7 @@ __all__ = [
     "GridScan",
     "InputError",
     "LandmarkMap",
+    "LikelihoodField",
     "Log",
     "LogOdds",
     "MapTooLargeError",
@@ -128,6 +132,7 @@ __all__ = [
 
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
 _HOME = {
+    "BeamLikelihood": "query.beam_likelihood",
     "BeamSensor": "sensors.beam",
     "Beams": "forward.beams",
     "ConeSensor": "sensors.cone",
@@ -143,6 +148,7 @@ _HOME = {
     "GridScan": "scans.grid_scan",
     "InputError": "errors",
     "LandmarkMap": "landmarks.landmark_map",
+    "LikelihoodField": "query.likelihood_field",
     "Log": "scans.log",
     "LogOdds": "posterior.log_odds",
     "MapTooLargeError": "errors",

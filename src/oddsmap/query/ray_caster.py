@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
@@ -21,10 +21,14 @@ from oddsmap.query.places import CellGrid, check_places, points_in
 from oddsmap.query.state_blocks import bit_of, fill_blocks
 from oddsmap.query.stop_tree import plant
 
-__all__ = ["RayCaster", "RayHits", "Until"]
+__all__ = ["RayCaster", "RayHits", "Until", "Walker"]
 
 StateName = Literal["occupied", "unknown", "free", "undecided"]
 Until = StateName | tuple[StateName, ...] | list[StateName]
+
+Walker = Callable[
+    [FloatArray, FloatArray, float], tuple[FloatArray, IntArray, npt.NDArray[np.uint8]]
+]
 
 # A direction may be off by what single precision makes of one.
 _UNIT = 1e-6
@@ -122,30 +126,59 @@ class RayCaster:
             start, way = (start - corner) @ turn, way @ turn
         place, way = np.ascontiguousarray(start / self.resolution), np.ascontiguousarray(way)
         check_places(place)
-        distance = np.full(len(way), math.inf)
-        cell = np.full(way.shape, RayHits.NO_CELL)
-        ended = np.zeros(len(way), np.uint8)
-        stop = _bits(until)
-        tree, lo, hi = self._tree(stop)
+        walk = self.walker(until)
+        distance, cell, ended = (
+            np.empty(len(way)),
+            np.empty_like(way, np.int64),
+            np.empty(len(way), np.uint8),
+        )
 
-        def walk(part: slice) -> None:
-            walk_rays(
-                self._blocks, tree, SIDE_BITS[d], lo, hi, place[part], way[part],
-                max_range / self.resolution, stop, np.empty(d, np.int64),
-                distance[part], cell[part], ended[part],
-            )  # fmt: skip
+        def fill(part: slice) -> None:
+            distance[part], cell[part], ended[part] = walk(
+                place[part], way[part], max_range / self.resolution
+            )
 
         parts = [slice(first, first + _BATCH) for first in range(0, len(way), _BATCH)]
         if threads == 1:
             for part in parts:
-                walk(part)
+                fill(part)
         else:
             with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(walk, parts))
+                list(pool.map(fill, parts))
         states = np.full(256, RayHits.MAX_RANGE, np.int8)
         for state in State:
             states[bit_of(state)] = state
         return RayHits(distance * self.resolution, cell, states[ended])
+
+    def walker(self, until: Until) -> Walker:
+        """Rays that nothing is checked of: what batches of them go through.
+
+        Args:
+            until: as in `cast`.
+
+        Returns:
+            A function of starts [cells], directions, shape (n, d) each, and reach [cells] that
+            gives the distance [cells], the cell and the bit of its state as `RayHits` have them.
+
+        Raises:
+            ConfigError: until names no state.
+        """
+        stop, d = _bits(until), self.ndim
+        tree, lo, hi = self._tree(stop)
+
+        def walk(
+            starts: FloatArray, ways: FloatArray, reach: float
+        ) -> tuple[FloatArray, IntArray, npt.NDArray[np.uint8]]:
+            distance = np.full(len(ways), math.inf)
+            cell = np.full(ways.shape, RayHits.NO_CELL)
+            ended = np.zeros(len(ways), np.uint8)
+            walk_rays(
+                self._blocks, tree, SIDE_BITS[d], lo, hi, starts, ways, reach, stop,
+                np.empty(d, np.int64), distance, cell, ended,
+            )  # fmt: skip
+            return distance, cell, ended
+
+        return walk
 
 
 def _bits(until: Until) -> np.uint8:
