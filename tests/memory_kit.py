@@ -238,6 +238,8 @@ def asking(grid: Callable[[], Any]) -> Workload:
         view.states_at(points)
         view.cast_rays(np.zeros_like(points), ways, 5.0, threads=2)
         view.ray_caster().cast(np.zeros_like(points), ways, 5.0)
+        view.expected_ranges(np.zeros_like(points), ways, LIDAR)
+        view.range_distribution(np.zeros_like(points), ways, LIDAR, bin_width=0.5)
 
     return lambda _: repeat
 

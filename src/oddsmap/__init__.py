@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from oddsmap.projection.project import project
     from oddsmap.query.beam_likelihood import BeamLikelihood
     from oddsmap.query.likelihood_field import LikelihoodField
+    from oddsmap.query.predicted_ranges import RangeDistribution
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
     from oddsmap.readers import open_log
@@ -100,6 +101,7 @@ __all__ = [
     "Pose3",
     "PriorArray",
     "ProbabilityMap",
+    "RangeDistribution",
     "RayCaster",
     "RayHits",
     "Reflection",
@@ -162,6 +164,7 @@ _HOME = {
     "Pose3": "poses.pose",
     "PriorArray": "posterior.prior",
     "ProbabilityMap": "maps.probability_map",
+    "RangeDistribution": "query.predicted_ranges",
     "RayCaster": "query.ray_caster",
     "RayHits": "query.ray_caster",
     "Reflection": "posterior.reflection",

@@ -18,10 +18,11 @@ from oddsmap.kernels.query.rays import walk_rays
 from oddsmap.kernels.query.stop_tree import SIDE_BITS, StopTree
 from oddsmap.odds import State
 from oddsmap.query.places import CellGrid, check_places, points_in
+from oddsmap.query.scan_at_poses import Frame
 from oddsmap.query.state_blocks import bit_of, fill_blocks
 from oddsmap.query.stop_tree import plant
 
-__all__ = ["RayCaster", "RayHits", "Until", "Walker"]
+__all__ = ["RayCaster", "RayHits", "Until", "Walker", "rays_in"]
 
 StateName = Literal["occupied", "unknown", "free", "undecided"]
 Until = StateName | tuple[StateName, ...] | list[StateName]
@@ -77,7 +78,7 @@ class RayCaster:
         grid: CellGrid,
         parts: Iterable[tuple[IntArray, npt.NDArray[np.int8]]],
         *,
-        frame: tuple[FloatArray, FloatArray] | None = None,
+        frame: Frame | None = None,
     ) -> None:
         self.ndim, self.resolution = grid.ndim, grid.resolution
         self._frame = frame
@@ -106,26 +107,12 @@ class RayCaster:
         threads: int = 1,
     ) -> RayHits:
         """The first cell that ends each ray: arguments and errors as in `Queries.cast_rays`."""
-        d = self.ndim
         if not max_range > 0.0:
             raise ConfigError(f"max_range is a length above 0 [m], got {max_range}")
         if threads < 1:
             raise ConfigError(f"threads are at least 1, got {threads}")
-        way = _unit(points_in(directions, d, "directions"))
-        start = np.asarray(origins)
-        start = points_in(start[None] if start.ndim == 1 else start, d, "origins")
-        if len(start) == 1:
-            start = np.broadcast_to(start, way.shape)
-        if len(start) != len(way):
-            raise InputError(
-                f"rays need one origin each or one for all, got {len(start)} origins and "
-                f"{len(way)} directions"
-            )
-        if self._frame is not None:
-            turn, corner = self._frame  # rows from the right: by the inverse
-            start, way = (start - corner) @ turn, way @ turn
-        place, way = np.ascontiguousarray(start / self.resolution), np.ascontiguousarray(way)
-        check_places(place)
+        start, way = rays_in(self, self._frame, origins, directions)
+        place = start / self.resolution
         walk = self.walker(until)
         distance, cell, ended = (
             np.empty(len(way)),
@@ -179,6 +166,40 @@ class RayCaster:
             return distance, cell, ended
 
         return walk
+
+
+def rays_in(
+    grid: CellGrid, frame: Frame | None, origins: npt.ArrayLike, directions: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Rays in the frame that cells count from.
+
+    Args:
+        grid: the map.
+        frame: map_from_grid; None: the map frame.
+        origins: in the map frame [m], shape (n, d), or (d,), one for all.
+        directions: of length 1, shape (n, d).
+
+    Returns:
+        Origins [m] and directions, shape (n, d) each, contiguous.
+
+    Raises:
+        InputError: as `Queries.cast_rays` says.
+    """
+    way = _unit(points_in(directions, grid.ndim, "directions"))
+    start = np.asarray(origins)
+    start = points_in(start[None] if start.ndim == 1 else start, grid.ndim, "origins")
+    if len(start) == 1:
+        start = np.broadcast_to(start, way.shape)
+    if len(start) != len(way):
+        raise InputError(
+            f"rays need one origin each or one for all, got {len(start)} origins and "
+            f"{len(way)} directions"
+        )
+    if frame is not None:
+        turn, corner = frame  # rows from the right: by the inverse
+        start, way = (start - corner) @ turn, way @ turn
+    check_places(start / grid.resolution)
+    return np.ascontiguousarray(start), np.ascontiguousarray(way)
 
 
 def _bits(until: Until) -> np.uint8:
