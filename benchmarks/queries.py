@@ -114,10 +114,11 @@ def compare(tree: Any, voxels: oddsmap.VoxelMap, asked: tuple[FloatArray, ...]) 
     right = sum(
         tuple(hits.cell[i].tolist()) == exact_end(voxels, origins[i], ways[i]) for i in different
     )
+    share = right / len(different) if len(different) else 1.0
     return {
         "points": float((known == want).mean()),
         "rays": 1.0 - len(different) / len(ways),
-        "of the others, oddsmap's by exact arithmetic": right / max(1, len(different)),
+        "of the others, oddsmap's by exact arithmetic": share,
     }
 
 
