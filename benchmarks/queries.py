@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rates of questions about a 3D map, beside octomap-python's `search` and `castRay`.
+"""Rates of questions about maps: octomap-python's `search` and `castRay` in 3D, grid rays in 2D.
 
     python benchmarks/queries.py                  # about a minute
     python benchmarks/queries.py --quick          # a tenth of the questions
@@ -9,6 +9,9 @@ that file as both read it, before any time is taken, and rays are timed on it; p
 the map of evidence, where `at` works out probabilities. CPU time of one thread, best of some rounds
 in turn. octomap-python is asked one point or ray at a time, as it offers nothing else: its rate has
 the call from Python in it, and what an empty call takes is reported alone, too.
+
+In 2D the peers are Bresenham's line and ray marching over a dense grid (`peers/grid_rays.py`), as
+range_libc has them, from random free places of the office at 0.05 m, up to 30 m.
 """
 
 from __future__ import annotations
@@ -30,12 +33,20 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "src"), str(ROOT)]
 
 import oddsmap  # noqa: E402
-from benchmarks.peers import octomap_python  # noqa: E402
-from oddsmap.simulate import Lidar3D, drive3d, town  # noqa: E402
+from benchmarks.peers import grid_rays, octomap_python  # noqa: E402
+from oddsmap.simulate import (  # noqa: E402
+    Lidar2D,
+    Lidar3D,
+    drive3d,
+    office_drive,
+    office_plan,
+    town,
+)
 from tests.naive.rays import cells_along  # noqa: E402
 
 FloatArray = npt.NDArray[np.float64]
 RESOLUTION, MAX_RANGE = 0.2, 50.0
+FINE, ACROSS = 0.05, 30.0
 
 
 def town_view(scans: int) -> Any:
@@ -103,10 +114,11 @@ def compare(tree: Any, voxels: oddsmap.VoxelMap, asked: tuple[FloatArray, ...]) 
     right = sum(
         tuple(hits.cell[i].tolist()) == exact_end(voxels, origins[i], ways[i]) for i in different
     )
+    share = right / len(different) if len(different) else 1.0
     return {
         "points": float((known == want).mean()),
         "rays": 1.0 - len(different) / len(ways),
-        "of the others, oddsmap's by exact arithmetic": right / max(1, len(different)),
+        "of the others, oddsmap's by exact arithmetic": share,
     }
 
 
@@ -116,6 +128,56 @@ def exact_end(voxels: oddsmap.VoxelMap, origin: FloatArray, way: FloatArray) -> 
     along = [cell for _, cell in cells_along(start, way.tolist(), reach)]
     stops = np.flatnonzero(voxels.state_at(along) == oddsmap.State.OCCUPIED)
     return along[stops[0]] if len(stops) else (oddsmap.RayHits.NO_CELL,) * 3
+
+
+def in_the_plane(
+    count: int,
+) -> tuple[dict[str, tuple[Callable[[], object], int]], dict[str, float]]:
+    """What is timed in 2D, and how far peers' ranges are from the exact ones."""
+    plan, lidar, rng = office_plan(), Lidar2D(), np.random.default_rng(0)
+    view = oddsmap.build_map(
+        [lidar.scan(plan, pose, rng) for pose in office_drive()], FINE
+    ).log_odds()
+    lo, hi = view.bounds() or ((0, 0), (0, 0))
+    state = view.state((lo, hi))
+    free = np.argwhere(state == oddsmap.State.FREE)[:, ::-1]
+    starts = free[rng.integers(len(free), size=count)] + rng.random((count, 2))
+    angle = rng.uniform(-np.pi, np.pi, count)
+    ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    origins, caster, reach = (starts + np.asarray(lo)) * FINE, view.ray_caster(), ACROSS / FINE
+    occupied = state == oddsmap.State.OCCUPIED
+    field = grid_rays.distances(occupied)
+    exact = caster.cast(origins, ways, ACROSS).distance / FINE
+    places, scan = localised(plan, lidar, rng, count // 60)
+    by_field, by_beams = view.likelihood_field(ACROSS), view.beam_likelihood(ACROSS)
+    apart = {}
+    for name, found in (
+        ("Bresenham", grid_rays.bresenham(occupied, starts, ways, reach)),
+        ("marching", grid_rays.march(field, starts, ways, reach)),
+    ):
+        with np.errstate(invalid="ignore"):
+            same = (np.abs(found - exact) <= 2.0) | (found == exact)
+        apart[f"{name}, within 2 cells of the exact range"] = float(same.mean())
+    return {
+        "2D cast_rays, occupied": (lambda: caster.cast(origins, ways, ACROSS), count),
+        "2D Bresenham, dense": (
+            lambda: grid_rays.bresenham(occupied, starts, ways, reach), count
+        ),
+        "2D ray marching, dense": (lambda: grid_rays.march(field, starts, ways, reach), count),
+        "likelihood_field, beams": (
+            lambda: by_field.log_likelihood(places, scan, max_beams=60), 60 * len(places)
+        ),
+        "beam_likelihood, beams": (
+            lambda: by_beams.log_likelihood(places, scan, max_beams=60), 60 * len(places)
+        ),
+    }, apart  # fmt: skip
+
+
+def localised(plan: Any, lidar: Any, rng: np.random.Generator, count: int) -> tuple[Any, Any]:
+    """Poses about that of a scan."""
+    pose = office_drive()[100]
+    places = rng.normal(size=(count, 3)) * (0.5, 0.5, 0.2) + (*pose.translation, pose.theta)
+    return places, lidar.scan(plan, pose, rng)
 
 
 def rate(job: Callable[[], object], count: int) -> float:
@@ -150,6 +212,8 @@ def main() -> None:
                 lambda: caster.cast(origins, ways, MAX_RANGE, until="unknown"), count
             ),
         }  # fmt: skip
+        plane, apart = in_the_plane(count)
+        jobs |= plane
         if there:
             tree = octree(Path(folder) / "town.bt")
             found["equal answers"] = compare(tree, voxels, few)
@@ -168,6 +232,7 @@ def main() -> None:
     print(f"{found['cells']} cells of {RESOLUTION} m; {version}")
     if there:
         print("equal answers:", {name: f"{x:.4%}" for name, x in found["equal answers"].items()})
+    print("2D:", {name: f"{x:.2%}" for name, x in apart.items()})
     for name, rates in found["rates"].items():
         best, middle = max(rates) / 1e6, float(np.median(rates)) / 1e6
         print(f"{name:28} {best:8.3f} M/s, median {middle:.3f}")

@@ -156,6 +156,9 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     view.probability((lo, hi))
     view.at(np.ones((2, grid.ndim)))
     view.cast_rays(np.ones(grid.ndim), np.eye(grid.ndim), 5.0)
+    scan = scans_of(grid.ndim)[0]
+    for model in (view.likelihood_field(5.0), view.beam_likelihood(5.0)):
+        model.log_likelihood([scan.map_from_sensor], scan)
     if grid.lengths is not None:
         grid.cell_lengths()
         loaded.decay_rate().mean((lo, hi))

@@ -239,8 +239,22 @@ def asking(grid: Callable[[], Any]) -> Workload:
         view.cast_rays(np.zeros_like(points), ways, 5.0, threads=2)
         view.ray_caster().cast(np.zeros_like(points), ways, 5.0)
         grid().calibrated().at(points)
+        view.expected_ranges(np.zeros_like(points), ways, LIDAR)
+        view.range_distribution(np.zeros_like(points), ways, LIDAR, bin_width=0.5)
 
     return lambda _: repeat
+
+
+def localising(_: Path) -> Repeat:
+    """One scan from many poses, of models made anew and of models that are kept."""
+    kept = view().likelihood_field(20.0), view().beam_likelihood(20.0)
+
+    def repeat() -> None:
+        poses = np.random.default_rng(0).uniform(2.0, 8.0, (400, 3))
+        for model in (*kept, view().likelihood_field(20.0), view().beam_likelihood(20.0)):
+            model.log_likelihood(poses, lidar()[0], max_beams=60, threads=2)
+
+    return repeat
 
 
 def evaluating(_: Path) -> Repeat:

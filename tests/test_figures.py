@@ -48,6 +48,11 @@ def test_a_picture_shows_what_a_reading_says() -> None:
     assert np.isnan(p[31:]).all()
 
 
+def test_the_picture_of_localising() -> None:
+    figure = script("localising").draw()
+    assert len([panel for panel in figure.axes if panel.has_data()]) >= 3
+
+
 @pytest.mark.parametrize("image", IMAGES, ids=lambda image: image.name)
 def test_pictures_are_small_and_shown(image: Path) -> None:
     assert image.stat().st_size <= 200_000

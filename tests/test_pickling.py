@@ -25,7 +25,8 @@ CAMERA = oddsmap.PinholeCamera(10.0, 10.0, 1.5, 1.5, width=4, height=4)
 
 NAMES = [
     "BeamSensor", "Beams", "Calibrated", "ConeSensor", "DecayRate", "DepthScan", "EvidenceMap",
-    "ForwardModel", "FullMap", "FullMapConfig", "GridScan", "LogOdds", "OverheadSensor", "PinholeCamera", "Pose2",
+    "ForwardModel", "FullMap", "FullMapConfig", "GridScan", "LogOdds", "OverheadSensor",
+    "PinholeCamera", "Pose2",
     "Pose3", "ProbabilityMap", "Reflection", "Scan", "State", "Thresholds", "Trajectory",
     "VoxelMap",
 ]  # fmt: skip

@@ -54,6 +54,9 @@ if TYPE_CHECKING:
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.projection.project import project
+    from oddsmap.query.beam_likelihood import BeamLikelihood
+    from oddsmap.query.likelihood_field import LikelihoodField
+    from oddsmap.query.predicted_ranges import RangeDistribution
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
     from oddsmap.readers import open_log
@@ -69,6 +72,7 @@ if TYPE_CHECKING:
     from oddsmap.sensors.overhead import OverheadSensor
 
 __all__ = [
+    "BeamLikelihood",
     "BeamSensor",
     "Beams",
     "Calibrated",
@@ -85,6 +89,7 @@ __all__ = [
     "GridScan",
     "InputError",
     "LandmarkMap",
+    "LikelihoodField",
     "Log",
     "LogOdds",
     "MapTooLargeError",
@@ -98,6 +103,7 @@ __all__ = [
     "Pose3",
     "PriorArray",
     "ProbabilityMap",
+    "RangeDistribution",
     "RayCaster",
     "RayHits",
     "Reflection",
@@ -130,6 +136,7 @@ __all__ = [
 
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
 _HOME = {
+    "BeamLikelihood": "query.beam_likelihood",
     "BeamSensor": "sensors.beam",
     "Beams": "forward.beams",
     "Calibrated": "posterior.calibrated",
@@ -146,6 +153,7 @@ _HOME = {
     "GridScan": "scans.grid_scan",
     "InputError": "errors",
     "LandmarkMap": "landmarks.landmark_map",
+    "LikelihoodField": "query.likelihood_field",
     "Log": "scans.log",
     "LogOdds": "posterior.log_odds",
     "MapTooLargeError": "errors",
@@ -159,6 +167,7 @@ _HOME = {
     "Pose3": "poses.pose",
     "PriorArray": "posterior.prior",
     "ProbabilityMap": "maps.probability_map",
+    "RangeDistribution": "query.predicted_ranges",
     "RayCaster": "query.ray_caster",
     "RayHits": "query.ray_caster",
     "Reflection": "posterior.reflection",

@@ -132,3 +132,17 @@ def likelihood(
         here = math.prod(1 - d for j, d in cells if j == k)
         total += before * (1 - here) * bin_likelihood(model, z, k, width)
     return total + math.prod(1 - d for _, d in cells) * bin_likelihood(model, z, None, width)
+
+
+def echo_by_bin(cells: Sequence[tuple[int, float]], bins: int) -> list[float]:
+    """P(first echo from bin k) of k = 0, 1, ..., every product written out.
+
+    Args:
+        cells: bin and chance of an echo of each cell.
+        bins: how many.
+    """
+    return [
+        math.prod(1 - d for j, d in cells if j < k)
+        * (1 - math.prod(1 - d for j, d in cells if j == k))
+        for k in range(bins)
+    ]

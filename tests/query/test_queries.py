@@ -304,3 +304,18 @@ def test_reflectivity_is_not_decided_by_thresholds() -> None:
     ):
         with pytest.raises(ConfigError, match="its own threshold"):
             ask()
+
+
+@pytest.mark.parametrize("ndim", [2, 3])
+@pytest.mark.parametrize("name", NAMES)
+def test_every_view_predicts_readings_and_scores_poses(name: str, ndim: int) -> None:
+    view, (origins, ways) = view_of(name, ndim), fan(ndim, 20)
+    sensor = oddsmap.BeamSensor(range_max=6.0)
+    found = view.range_distribution(origins, ways, sensor)
+    whole = found.probability.sum(axis=1) + found.no_return + found.no_information
+    assert whole == pytest.approx(np.ones(20))
+    expected = view.expected_ranges(origins, ways, sensor)
+    assert ((expected > 0.0) & (expected <= 6.0)).all()
+    scan = scans(ndim)[0]
+    for model in (view.likelihood_field(6.0), view.beam_likelihood(6.0)):
+        assert np.isfinite(model.log_likelihood([scan.map_from_sensor] * 3, scan)).all()

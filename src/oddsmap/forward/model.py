@@ -21,8 +21,10 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.cell_index import one_cell
 from oddsmap.errors import ConfigError, InputError
+from oddsmap.forward import predicted_ranges
 from oddsmap.forward.beams import BeamCells, Beams, beam_cells
 from oddsmap.forward.occupancy_box import Window
+from oddsmap.query.predicted_ranges import MapAlongRays, RangeDistribution
 
 if TYPE_CHECKING:
     from oddsmap.kernels.infer.first_echo import Noise
@@ -287,6 +289,29 @@ class ForwardModel:
                 none,
             )
             yield part, echo, none
+
+    def expected_ranges(self, rays: MapAlongRays) -> FloatArray:
+        """Mean distance of the first echo [m], range_max where there is none, shape (n,).
+
+        What the map says, without the sensor's random readings, dropouts and noise. Cells are
+        occupied independently; `oddsmap.LogOdds.expected_ranges` and its like ask for it.
+        """
+        return predicted_ranges.expected_ranges(self, rays)
+
+    def range_distribution(
+        self, rays: MapAlongRays, bin_width: float | None = None
+    ) -> RangeDistribution:
+        """p(z) along rays, all of it: P(z in each bin) = sum_k P(first echo from k) P(z | k).
+
+        Args:
+            rays: with the map; `oddsmap.LogOdds.range_distribution` and its like make them.
+            bin_width: of readings [m]; None: the model's own.
+
+        Raises:
+            ConfigError: bin_width is outside its range.
+            MapTooLargeError: memory does not hold it.
+        """
+        return predicted_ranges.range_distribution(self, rays, bin_width)
 
     def simulate(
         self,

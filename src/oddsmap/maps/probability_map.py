@@ -22,7 +22,7 @@ from oddsmap.errors import InputError
 from oddsmap.odds import Thresholds
 from oddsmap.query.places import check_places, points_in
 from oddsmap.query.queries import PointStates, Queries
-from oddsmap.query.ray_caster import RayCaster
+from oddsmap.query.scan_at_poses import Frame
 from oddsmap.scans.note import Note
 
 __all__ = ["ProbabilityMap", "load_ros"]
@@ -88,9 +88,8 @@ class ProbabilityMap(Queries):
         low, high = (np.asarray(corner, np.float64) - self.origin for corner in (lo, hi))
         return box_cells(low, high, self.resolution, 2)
 
-    def ray_caster(self, *, thresholds: Thresholds | None = None) -> RayCaster:
-        """The states of all cells, to cast rays: see `Queries.ray_caster`."""
-        return RayCaster(self, self._state_parts(thresholds), frame=self._frame())
+    def _map_from_grid(self) -> Frame:
+        return self._frame()
 
     def _frame(self) -> tuple[FloatArray, FloatArray]:
         """map_from_grid: rotation and translation."""

@@ -12,7 +12,7 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -64,6 +64,8 @@ class BetaView(Queries, ABC):
     Raises:
         ConfigError: a value is outside its range.
     """
+
+    _reflects: ClassVar[bool] = True
 
     def __init__(
         self, *, a: float, b: float, threshold: float, level: float, kind: IntervalKind

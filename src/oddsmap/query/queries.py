@@ -12,8 +12,11 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.odds import Thresholds
+from oddsmap.query.localising import Localising
 from oddsmap.query.places import CellGrid, Placed
+from oddsmap.query.predicting import Predicting
 from oddsmap.query.ray_caster import RayCaster, RayHits, Until
+from oddsmap.query.scan_at_poses import Frame
 
 __all__ = ["PointStates", "Queries"]
 
@@ -54,10 +57,12 @@ class _View(CellGrid, Protocol):
         self, thresholds: Thresholds | None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]: ...
 
+    def _map_from_grid(self) -> Frame | None: ...
+
     def ray_caster(self, *, thresholds: Thresholds | None = None) -> RayCaster: ...
 
 
-class Queries(Placed):
+class Queries(Localising, Predicting, Placed):
     """Questions in metres. Points: finite, within 2^46 cells of the map's origin, or refused."""
 
     __slots__ = ()
@@ -138,4 +143,8 @@ class Queries(Placed):
         Args:
             thresholds: what is free and what is occupied; None: the view's.
         """
-        return RayCaster(self, self._state_parts(thresholds))
+        return RayCaster(self, self._state_parts(thresholds), frame=self._map_from_grid())
+
+    def _map_from_grid(self) -> Frame | None:
+        """Where cells count from; None: the map frame."""
+        return None

@@ -24,9 +24,7 @@ def bit_of(state: State) -> int:
     return _BITS[state]
 
 
-def fill_blocks(
-    ndim: int, parts: Iterable[tuple[IntArray, npt.NDArray[np.int8]]]
-) -> tuple[StateBlocks, IntArray, IntArray]:
+def fill_blocks(ndim: int, parts: Iterable[tuple[IntArray, npt.NDArray[np.int8]]]) -> StateBlocks:
     """Put the known cells into blocks.
 
     Args:
@@ -34,7 +32,7 @@ def fill_blocks(
         parts: some cells at a time: index, shape (n, d), and state, shape (n,).
 
     Returns:
-        The blocks, and the box of cells that they cover: first and past the last, shape (d,).
+        The blocks, as many as there is room for.
     """
     table = np.zeros(256, np.uint8)
     for each, bit in _BITS.items():
@@ -48,11 +46,7 @@ def fill_blocks(
             blocks = _resized(blocks, 2 * len(blocks.coords))
     used = int(blocks.counts[0])
     present = np.bitwise_or.reduce(blocks.states[:used], axis=1)
-    blocks = _resized(blocks, used)._replace(present=present)
-    if used == 0:
-        return blocks, np.zeros(ndim, np.int64), np.zeros(ndim, np.int64)
-    lo, hi = blocks.coords.min(axis=0), blocks.coords.max(axis=0) + 1
-    return blocks, lo << BLOCK_BITS, hi << BLOCK_BITS
+    return _resized(blocks, used)._replace(present=present)
 
 
 def _empty(ndim: int, rows: int) -> StateBlocks:

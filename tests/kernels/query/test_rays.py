@@ -13,9 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from oddsmap.array_types import FloatArray
-from oddsmap.kernels.query.rays import ROOM, walk_rays
+from oddsmap.kernels.query.rays import walk_rays
+from oddsmap.kernels.query.stop_tree import SIDE_BITS
 from oddsmap.odds import State
 from oddsmap.query.state_blocks import bit_of, fill_blocks
+from oddsmap.query.stop_tree import plant
 from tests.naive.rays import Cell, first_met
 
 FREE, UNDECIDED, OCCUPIED, UNKNOWN = (
@@ -30,11 +32,14 @@ def walk(
     """What the kernel finds for each ray."""
     n, d = starts.shape
     index = np.array(list(states), np.int64).reshape(-1, d)
-    blocks, lo, hi = fill_blocks(d, [(index, np.array(list(states.values()), np.int8))])
+    blocks = fill_blocks(d, [(index, np.array(list(states.values()), np.int8))])
     distance, met, ended = np.full(n, math.inf), np.zeros((n, d), np.int64), np.zeros(n, np.uint8)
     bits = np.uint8(sum(bit_of(State(state)) for state in stop))
-    room = np.empty((ROOM, d)), np.empty((2, d), np.int64)
-    walk_rays(blocks, lo, hi, starts, ways, reach, bits, *room, distance, met, ended)
+    tree, lo, hi = plant(blocks, bits)
+    walk_rays(
+        blocks, tree, SIDE_BITS[d], lo, hi, starts, ways, reach, bits, np.empty(d, np.int64),
+        distance, met, ended,
+    )  # fmt: skip
     names = {bit_of(state): int(state) for state in State}
     return [
         (s, tuple(cell), names[bit]) if math.isfinite(s) else None
@@ -149,10 +154,52 @@ def test_rays_without_an_end_and_maps_without_cells() -> None:
 
 def test_blocks_grow() -> None:
     index = 8 * np.stack(np.divmod(np.arange(5000), 70), axis=1).astype(np.int64)
-    blocks, lo, hi = fill_blocks(
+    blocks = fill_blocks(
         2,
         [(index[:3000], np.zeros(3000, np.int8)), (index[3000:], np.full(2000, OCCUPIED, np.int8))],
     )
     assert blocks.counts[0] == len(blocks.coords) == 5000
-    assert (lo.tolist(), hi.tolist()) == ([0, 0], [8 * 72, 8 * 70])
     assert np.count_nonzero(blocks.present == bit_of(State.OCCUPIED) + 1) == 2000
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("stop", SETS)
+def test_trees_say_which_cells_end_a_ray(d: int, stop: set[int]) -> None:
+    rng = np.random.default_rng(7 + d)
+    states = world(rng, d, 60, 0.9)
+    # Whole leaves of one state, and cells that need more than 62 bits between them.
+    states |= {tuple(np.add(cell, 64).tolist()): OCCUPIED for cell in np.ndindex(*(16,) * d)}
+    states |= {(1 << 45,) * d: OCCUPIED, (-(1 << 45),) * d: FREE}
+    index = np.array(list(states), np.int64)
+    blocks = fill_blocks(d, [(index, np.array(list(states.values()), np.int8))])
+    tree, lo, hi = plant(blocks, np.uint8(sum(bit_of(State(state)) for state in stop)))
+    asked = np.concatenate([index, index + 1, index - 9, rng.integers(-200, 200, (500, d))])
+    for cell in map(tuple, asked.tolist()):
+        want = states.get(cell, UNKNOWN) in stop
+        assert ends(tree, cell, UNKNOWN in stop) == want
+        if want and UNKNOWN not in stop:
+            assert all(a <= c < b for a, c, b in zip(lo, cell, hi, strict=True))
+
+
+def ends(tree: Any, cell: Cell, outside: bool) -> bool:
+    """What the tree says of one cell, level by level."""
+    bits = SIDE_BITS[len(cell)]
+    places = [
+        sum(((c >> (bits * level)) % (1 << bits)) << (bits * a) for a, c in enumerate(cell))
+        for level in (2, 1, 0)
+    ]
+    root = [c >> (3 * bits) for c in cell]
+    rows = np.flatnonzero((tree.coords == root).all(axis=1))
+    if len(rows) == 0:
+        return outside
+    row = rows[0]
+    for masks, below, place in (
+        (tree.roots, tree.nodes_of, places[0]),
+        (tree.nodes, tree.leaves_of, places[1]),
+    ):
+        if not (int(masks[row]) >> place) & 1:
+            return False
+        row = below[row, place]
+        if row < 0:
+            return True
+    return bool((int(tree.leaves[row]) >> places[2]) & 1)
