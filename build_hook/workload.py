@@ -156,6 +156,7 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     view.probability((lo, hi))
     view.at(np.ones((2, grid.ndim)))
     view.cast_rays(np.ones(grid.ndim), np.eye(grid.ndim), 5.0)
+    view.frontiers()
     if grid.lengths is not None:
         grid.cell_lengths()
         loaded.decay_rate().mean((lo, hi))

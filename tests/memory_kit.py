@@ -238,6 +238,7 @@ def asking(grid: Callable[[], Any]) -> Workload:
         view.states_at(points)
         view.cast_rays(np.zeros_like(points), ways, 5.0, threads=2)
         view.ray_caster().cast(np.zeros_like(points), ways, 5.0)
+        view.frontiers(min_cells=3)
 
     return lambda _: repeat
 

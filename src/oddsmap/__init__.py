@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.projection.project import project
+    from oddsmap.query.frontiers import Frontier
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
     from oddsmap.readers import open_log
@@ -77,6 +78,7 @@ __all__ = [
     "EvidenceMap",
     "ExactPosterior",
     "ForwardModel",
+    "Frontier",
     "FullMap",
     "FullMapConfig",
     "FullMapEstimator",
@@ -137,6 +139,7 @@ _HOME = {
     "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",
     "ForwardModel": "forward.model",
+    "Frontier": "query.frontiers",
     "FullMap": "full_map.full_map",
     "FullMapConfig": "config.full_map",
     "FullMapEstimator": "full_map.estimator",

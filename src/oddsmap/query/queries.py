@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.odds import Thresholds
+from oddsmap.query.frontiers import Box, Connectivity, Frontier, find_frontiers
 from oddsmap.query.places import CellGrid, Placed
 from oddsmap.query.ray_caster import RayCaster, RayHits, Until
 
@@ -45,6 +46,8 @@ class _View(CellGrid, Protocol):
     """What a view brings along to be asked."""
 
     def cell_of(self, points: npt.ArrayLike) -> IntArray: ...
+
+    def centre_of(self, cells: npt.ArrayLike) -> FloatArray: ...
 
     def _probability_at(self, cells: IntArray) -> FloatArray: ...
 
@@ -139,3 +142,39 @@ class Queries(Placed):
             thresholds: what is free and what is occupied; None: the view's.
         """
         return RayCaster(self, self._state_parts(thresholds))
+
+    def frontiers(
+        self: _View,
+        *,
+        next_to: Connectivity = "sides",
+        joined: Connectivity = "corners",
+        min_size: float = 0.0,
+        min_cells: int = 1,
+        box: Box | None = None,
+        thresholds: Thresholds | None = None,
+    ) -> list[Frontier]:
+        """Free cells beside unknown ones, in clusters, the largest first: where to look next.
+
+        Unknown are all cells that nothing was seen of, those outside the map among them; cells that
+        are undecided are neither.
+
+        Args:
+            next_to: which unknown neighbours count: "sides" (4 in 2D, 6 in 3D) or also those at
+                "corners" (8, 26).
+            joined: which neighbours are of one cluster, likewise.
+            min_size: smaller ones are left out: a length [m], in 3D an area [m^2]; see `Frontier`.
+            min_cells: the same as a number of cells.
+            box: lowest and highest corner [m], shape (d,) each: only cells with their centres in it
+                count. None: all.
+            thresholds: what is free and what is occupied; None: the view's.
+
+        Raises:
+            InputError: the box is none.
+            ConfigError: another argument is outside its range.
+
+        Source: B. Yamauchi, A frontier-based approach for autonomous exploration, 1997.
+        """
+        return find_frontiers(
+            self, self._state_parts(thresholds), next_to=next_to, joined=joined,
+            min_size=min_size, min_cells=min_cells, box=box,
+        )  # fmt: skip
