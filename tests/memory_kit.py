@@ -243,6 +243,14 @@ def asking(grid: Callable[[], Any]) -> Workload:
     return lambda _: repeat
 
 
+def asking_why(_: Path) -> Repeat:
+    def repeat() -> None:
+        oddsmap.why(plane(), lidar(), (3.0, 3.0))
+        oddsmap.why(room(), turns(), (1.0, 1.0, 1.0))
+
+    return repeat
+
+
 def evaluating(_: Path) -> Repeat:
     p = np.random.default_rng(0).random((400, 400))
     return partial(oddsmap.evaluate, p, p > 0.4)

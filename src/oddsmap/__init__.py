@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from oddsmap.sensors.beam import BeamSensor
     from oddsmap.sensors.cone import ConeSensor
     from oddsmap.sensors.overhead import OverheadSensor
+    from oddsmap.witnesses.why import Explanation, ScanVote, why
 
 __all__ = [
     "BeamSensor",
@@ -77,6 +78,7 @@ __all__ = [
     "DepthScan",
     "EvidenceMap",
     "ExactPosterior",
+    "Explanation",
     "ForwardModel",
     "Frontier",
     "FullMap",
@@ -103,6 +105,7 @@ __all__ = [
     "Reflection",
     "ReflectionMap",
     "Scan",
+    "ScanVote",
     "State",
     "Thresholds",
     "Trajectory",
@@ -126,6 +129,7 @@ __all__ = [
     "open_log",
     "project",
     "score_map",
+    "why",
 ]
 
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
@@ -138,6 +142,7 @@ _HOME = {
     "DepthScan": "scans.depth_image",
     "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",
+    "Explanation": "witnesses.why",
     "ForwardModel": "forward.model",
     "Frontier": "query.frontiers",
     "FullMap": "full_map.full_map",
@@ -164,6 +169,7 @@ _HOME = {
     "Reflection": "posterior.reflection",
     "ReflectionMap": "full_map.reflection_map",
     "Scan": "scans.scan",
+    "ScanVote": "witnesses.why",
     "State": "odds",
     "Thresholds": "odds",
     "Trajectory": "poses.trajectory",
@@ -186,6 +192,7 @@ _HOME = {
     "open_log": "readers",
     "project": "projection.project",
     "score_map": "scoring.held_out",
+    "why": "witnesses.why",
 }
 
 
