@@ -157,6 +157,9 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     view.at(np.ones((2, grid.ndim)))
     view.cast_rays(np.ones(grid.ndim), np.eye(grid.ndim), 5.0)
     view.frontiers()
+    pose = np.eye(grid.ndim + 1)
+    for votes in ("scan", "beam"):
+        view.information_gain([pose], np.eye(grid.ndim), 5.0, votes=votes)
     if grid.lengths is not None:
         grid.cell_lengths()
         loaded.decay_rate().mean((lo, hi))

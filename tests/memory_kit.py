@@ -239,6 +239,9 @@ def asking(grid: Callable[[], Any]) -> Workload:
         view.cast_rays(np.zeros_like(points), ways, 5.0, threads=2)
         view.ray_caster().cast(np.zeros_like(points), ways, 5.0)
         view.frontiers(min_cells=3)
+        stands = [np.eye(grid().ndim + 1)] * 20
+        view.information_gain(stands, ways, 5.0, threads=2)
+        view.information_gain(stands, ways, 5.0, votes="scan")
 
     return lambda _: repeat
 

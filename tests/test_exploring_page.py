@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -40,3 +41,46 @@ def test_frontiers(ran: dict[str, Any]) -> None:
         sum(each.size for each in ran["grid"].log_odds().frontiers()),
         sum(each.size for each in view.frontiers()),
     )
+
+
+def test_gains(ran: dict[str, Any]) -> None:
+    gains = ran["gains"]
+    assert gains.shape == (len(ran["frontiers"]),)
+    assert gains.min() > 0.0
+    # In the middle of what was seen there is less to be learnt.
+    here = [[pose.x, pose.y, pose.theta] for pose in ran["poses"]]
+    laser = ran["laser"]
+    known = ran["view"].information_gain(here, laser.directions, laser.range_max, unknown=0.05)
+    assert known.max() < gains.max()
+
+
+def figure() -> Any:
+    from tests.test_figures import script
+
+    return script("exploring")
+
+
+def test_the_example_explores() -> None:
+    """Its first steps, and the picture of them."""
+    module = figure()
+    example = module.example()
+    steps = [*zip(range(6), example.explore(), strict=False)]
+    known = [example.share_known(step.view) for _, step in steps]
+    assert known[0] < 0.1
+    assert known[-1] > 0.25
+    assert all(len(step.way) > 1 for _, step in steps)
+    plan = example.office_plan()
+    assert not plan.contains(steps[-1][1].driven).any()
+    nearest = [*zip(range(3), example.explore(nearest=True), strict=False)][-1][1]
+    assert example.length_of(nearest.driven) > 0.0
+    drawn = module.draw([step for _, step in steps])
+    assert len(drawn.axes) == 4
+    sys.modules.pop("explore")
+
+
+@pytest.mark.slow
+def test_the_example_maps_all_of_the_office() -> None:
+    example = figure().example()
+    *_, last = example.explore()
+    assert example.share_known(last.view) > 0.99
+    assert len(last.frontiers) == 0

@@ -88,6 +88,9 @@ class ProbabilityMap(Queries):
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return np.array([[cos, -sin], [sin, cos]]), np.asarray(self.origin, np.float64)
 
+    def _map_from_cells(self) -> tuple[FloatArray, FloatArray]:
+        return self._frame()
+
     def _inside(self, cells: IntArray) -> tuple[npt.NDArray[np.bool_], tuple[IntArray, ...]]:
         """Which cells the rectangle has, and where these are in its arrays."""
         shape = np.array(self.probability.shape[::-1])
@@ -111,6 +114,10 @@ class ProbabilityMap(Queries):
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
         y, x = np.nonzero(self.observed)
         yield np.stack([x, y], axis=1), self.state(thresholds=thresholds)[y, x]
+
+    def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:
+        y, x = np.nonzero(self.observed)
+        yield np.stack([x, y], axis=1), self.probability[y, x]
 
     def state(self, *, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
         """Decide each cell: values of `State`, shape (ny, nx).

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.odds import Thresholds
-from oddsmap.query.frontiers import Box, Connectivity, Frontier, find_frontiers
+from oddsmap.query.exploring import ExploreQueries
 from oddsmap.query.places import CellGrid, Placed
 from oddsmap.query.ray_caster import RayCaster, RayHits, Until
 
@@ -47,8 +47,6 @@ class _View(CellGrid, Protocol):
 
     def cell_of(self, points: npt.ArrayLike) -> IntArray: ...
 
-    def centre_of(self, cells: npt.ArrayLike) -> FloatArray: ...
-
     def _probability_at(self, cells: IntArray) -> FloatArray: ...
 
     def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates: ...
@@ -60,7 +58,7 @@ class _View(CellGrid, Protocol):
     def ray_caster(self, *, thresholds: Thresholds | None = None) -> RayCaster: ...
 
 
-class Queries(Placed):
+class Queries(ExploreQueries, Placed):
     """Questions in metres. Points: finite, within 2^46 cells of the map's origin, or refused."""
 
     __slots__ = ()
@@ -143,38 +141,6 @@ class Queries(Placed):
         """
         return RayCaster(self, self._state_parts(thresholds))
 
-    def frontiers(
-        self: _View,
-        *,
-        next_to: Connectivity = "sides",
-        joined: Connectivity = "corners",
-        min_size: float = 0.0,
-        min_cells: int = 1,
-        box: Box | None = None,
-        thresholds: Thresholds | None = None,
-    ) -> list[Frontier]:
-        """Free cells beside unknown ones, in clusters, the largest first: where to look next.
-
-        Unknown are all cells that nothing was seen of, those outside the map among them; cells that
-        are undecided are neither.
-
-        Args:
-            next_to: which unknown neighbours count: "sides" (4 in 2D, 6 in 3D) or also those at
-                "corners" (8, 26).
-            joined: which neighbours are of one cluster, likewise.
-            min_size: smaller ones are left out: a length [m], in 3D an area [m^2]; see `Frontier`.
-            min_cells: the same as a number of cells.
-            box: lowest and highest corner [m], shape (d,) each: only cells with their centres in it
-                count. None: all.
-            thresholds: what is free and what is occupied; None: the view's.
-
-        Raises:
-            InputError: the box is none.
-            ConfigError: another argument is outside its range.
-
-        Source: B. Yamauchi, A frontier-based approach for autonomous exploration, 1997.
-        """
-        return find_frontiers(
-            self, self._state_parts(thresholds), next_to=next_to, joined=joined,
-            min_size=min_size, min_cells=min_cells, box=box,
-        )  # fmt: skip
+    def _map_from_cells(self) -> tuple[FloatArray, FloatArray] | None:
+        """Where the map's cells count from, if not from the map frame: rotation, translation."""
+        return None
