@@ -254,6 +254,10 @@ def asking_why(_: Path) -> Repeat:
     return repeat
 
 
+def driving(_: Path) -> Repeat:
+    return partial(oddsmap.traversable, room(), max_step=0.2)
+
+
 def evaluating(_: Path) -> Repeat:
     p = np.random.default_rng(0).random((400, 400))
     return partial(oddsmap.evaluate, p, p > 0.4)

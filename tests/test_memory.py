@@ -67,6 +67,7 @@ WORKLOADS: dict[str, Workload] = {
     "questions in 2D": kit.asking(kit.plane),
     "questions in 3D": kit.asking(kit.room),
     "whose votes": kit.asking_why,
+    "where to drive": kit.driving,
     "evaluation": kit.evaluating,
     "exact posterior": kit.exact,
     "views": files_kit.views,

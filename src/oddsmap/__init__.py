@@ -52,7 +52,9 @@ if TYPE_CHECKING:
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
+    from oddsmap.projection.floor import Verdict
     from oddsmap.projection.project import project
+    from oddsmap.projection.traversable import Traversability, traversable
     from oddsmap.query.frontiers import Frontier
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
@@ -109,6 +111,8 @@ __all__ = [
     "State",
     "Thresholds",
     "Trajectory",
+    "Traversability",
+    "Verdict",
     "VoxelMap",
     "Window",
     "__version__",
@@ -129,6 +133,7 @@ __all__ = [
     "open_log",
     "project",
     "score_map",
+    "traversable",
     "why",
 ]
 
@@ -173,6 +178,8 @@ _HOME = {
     "State": "odds",
     "Thresholds": "odds",
     "Trajectory": "poses.trajectory",
+    "Traversability": "projection.traversable",
+    "Verdict": "projection.floor",
     "VoxelMap": "maps.voxel_map",
     "Window": "forward.occupancy_box",
     "add_scans": "integrate.add",
@@ -192,6 +199,7 @@ _HOME = {
     "open_log": "readers",
     "project": "projection.project",
     "score_map": "scoring.held_out",
+    "traversable": "projection.traversable",
     "why": "witnesses.why",
 }
 
