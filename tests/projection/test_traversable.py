@@ -172,6 +172,9 @@ def test_what_is_refused() -> None:
             oddsmap.traversable(flat, **options)
     with pytest.raises(InputError, match="3D map"):
         oddsmap.traversable(oddsmap.EvidenceMap(0.1))
+    reflection: Any = oddsmap.EvidenceMap(0.1, votes="beam", ndim=3).reflection()
+    with pytest.raises(InputError, match="got Reflection"):
+        oddsmap.traversable(reflection)
     with pytest.raises(InputError, match="no ground"):
         oddsmap.traversable(voxels({(0, 0): {0: FREE}}))
     assert oddsmap.traversable(oddsmap.EvidenceMap(0.1, ndim=3)).verdict.shape == (0, 0)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
@@ -95,6 +96,22 @@ def test_scans_add_up_to_the_map(name: str) -> None:
             beams = zip(vote.beam_hits, vote.beam_passes, strict=True)
             assert all(any(said) for said in beams)
     assert found.scans == ()
+
+
+@pytest.mark.parametrize("name", ["scan", "cones", "3D scan", "images"])
+def test_what_was_tried_is_forgotten(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The map in which scans are tried is emptied from time to time."""
+    scans, options = MAPS[name]
+    grid = oddsmap.build_map(scans, CELL, **options)
+    point = grid.centre_of([next(cells_of(grid, 1))])[0]
+    kept = oddsmap.why(grid, scans, point)
+    monkeypatch.setattr(sys.modules["oddsmap.witnesses.why"], "_TILES", 0)
+    forgot = oddsmap.why(grid, scans, point)
+    assert kept.complete
+    assert forgot.complete
+    for one, two in zip(kept.scans, forgot.scans, strict=True):
+        assert (one.index, one.hits, one.passes) == (two.index, two.hits, two.passes)
+        assert np.array_equal(one.beams, two.beams)
 
 
 @pytest.mark.parametrize("name", ["scan", "width", "moving", "cones", "3D beam"])

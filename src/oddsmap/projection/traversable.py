@@ -94,8 +94,8 @@ def traversable(
     The floor of a column is the highest occupied cell within 0.3 m (or `max_step`, where that is
     more) of the ground. Where free space was seen there and no floor, it is taken to be at the
     ground, so that few beams leave no holes; where free space goes down farther than that, it is a
-    drop. Of two neighbours the higher is the step. Cells never seen say nothing,
-    nor do undecided ones that are at most a step above the floor: the floor's own rounding.
+    drop. Of two neighbours the higher is the step. Cells never seen say nothing, nor do undecided
+    ones that are at most a step above the floor: the floor's own rounding.
 
     Args:
         source: the map, or a view of it with a prior or sensor model of its own.
@@ -109,11 +109,16 @@ def traversable(
         thresholds: what is free and what is occupied; None: the view's.
 
     Raises:
-        InputError: a 2D map, or no occupied cell to find the ground by.
+        InputError: a 2D map or none of these, or no occupied cell to find the ground by.
         ConfigError: an argument is outside its range.
         MapTooLargeError: the band above the ground would not fit in memory.
     """
     view = LogOdds(source) if isinstance(source, Evidence) else source
+    if not isinstance(view, Belief | VoxelMap):
+        raise InputError(
+            "a floor is found in evidence, a view of probabilities or an OctoMap, got "
+            f"{type(source).__name__}"
+        )
     if view.ndim != 3:
         raise InputError("a floor needs a 3D map, this one is 2D")
     limits = Limits(robot_height, max_step, math.tan(math.radians(max_slope_deg)), robot_radius)

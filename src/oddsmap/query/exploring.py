@@ -129,6 +129,7 @@ class ExploreQueries:
         Raises:
             InputError: poses or directions are none of these.
             ConfigError: another argument is outside its range, or p_hit and p_miss are missing.
+            MapTooLargeError: with votes "scan", the cells of one scan would not fit in memory.
 
         Source: Z. Zhang, T. Henderson, S. Karaman, V. Sze: FSMI: Fast computation of Shannon mutual
             information for information-theoretic mapping, IJRR 2020, for a sensor without noise.

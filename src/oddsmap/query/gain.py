@@ -108,18 +108,10 @@ def expected_gains(
             return
         each = np.empty(turned.shape[:2])
         for i in range(len(starts)):
-            start = np.broadcast_to(starts[i], turned[i].shape)
+            start = np.ascontiguousarray(np.broadcast_to(starts[i], turned[i].shape))
             add_up_gains(
-                blocks,
-                rows,
-                np.ascontiguousarray(start),
-                turned[i],
-                reach,
-                clear,
-                met,
-                key,
-                each[i],
-            )
+                blocks, rows, start, turned[i], reach, clear, met, key, each[i]
+            )  # fmt: skip
         gains[some] = each.sum(axis=1)
 
     batches = range(0, len(places), side)

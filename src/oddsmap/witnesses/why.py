@@ -120,8 +120,8 @@ def why(
         progress: called with the number of scans looked at so far.
 
     Raises:
-        InputError: the point has no cell, the log holds no scans, one has another dimension than
-            the map, or does not go with its half-life.
+        InputError: the point has no cell, what is given holds no scans, one has another dimension
+            than the map, or does not go with its half-life.
     """
     place = np.asarray(point)
     cell = grid.cell_of(place[None] if place.ndim == 1 else place)
