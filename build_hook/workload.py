@@ -159,6 +159,10 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     scan = scans_of(grid.ndim)[0]
     for model in (view.likelihood_field(5.0), view.beam_likelihood(5.0)):
         model.log_likelihood([scan.map_from_sensor], scan)
+    view.frontiers()
+    pose = np.eye(grid.ndim + 1)
+    for votes in ("scan", "beam"):
+        view.information_gain([pose], np.eye(grid.ndim), 5.0, votes=votes)
     if grid.lengths is not None:
         grid.cell_lengths()
         loaded.decay_rate().mean((lo, hi))

@@ -241,6 +241,10 @@ def asking(grid: Callable[[], Any]) -> Workload:
         grid().calibrated().at(points)
         view.expected_ranges(np.zeros_like(points), ways, LIDAR)
         view.range_distribution(np.zeros_like(points), ways, LIDAR, bin_width=0.5)
+        view.frontiers(min_cells=3)
+        stands = [np.eye(grid().ndim + 1)] * 20
+        view.information_gain(stands, ways, 5.0, threads=2)
+        view.information_gain(stands, ways, 5.0, votes="scan")
 
     return lambda _: repeat
 
@@ -255,6 +259,18 @@ def localising(_: Path) -> Repeat:
             model.log_likelihood(poses, lidar()[0], max_beams=60, threads=2)
 
     return repeat
+
+
+def asking_why(_: Path) -> Repeat:
+    def repeat() -> None:
+        oddsmap.why(plane(), lidar(), (3.0, 3.0))
+        oddsmap.why(room(), turns(), (1.0, 1.0, 1.0))
+
+    return repeat
+
+
+def driving(_: Path) -> Repeat:
+    return partial(oddsmap.traversable, room(), max_step=0.2)
 
 
 def evaluating(_: Path) -> Repeat:

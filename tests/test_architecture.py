@@ -92,7 +92,7 @@ FLOORS = (
     ("plausibility",),
     ("evidence_map",),
     ("full_map",),
-    ("projection",),
+    ("projection", "witnesses"),
     ("integrate",),
     ("posterior",),
     ("evidence",),

@@ -67,6 +67,8 @@ WORKLOADS: dict[str, Workload] = {
     "questions in 2D": kit.asking(kit.plane),
     "questions in 3D": kit.asking(kit.room),
     "poses, localised": kit.localising,
+    "whose votes": kit.asking_why,
+    "where to drive": kit.driving,
     "evaluation": kit.evaluating,
     "exact posterior": kit.exact,
     "views": files_kit.views,
@@ -214,7 +216,7 @@ def test_memory_is_steady_as_real_logs_are_read(name: str, data_folder: Path) ->
 # What is not done above, and why.
 NOT_USED = {
     "Log": "a protocol: nobody makes one",
-    "State": "an enumeration: its members are made once",
+    **dict.fromkeys(("State", "Verdict"), "an enumeration: its members are made once"),
     **dict.fromkeys(
         ("ConfigError", "InputError", "MapTooLargeError", "OddsmapError", "OutputError"),
         "says what is wrong",

@@ -53,8 +53,11 @@ if TYPE_CHECKING:
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
+    from oddsmap.projection.floor import Verdict
     from oddsmap.projection.project import project
+    from oddsmap.projection.traversable import Traversability, traversable
     from oddsmap.query.beam_likelihood import BeamLikelihood
+    from oddsmap.query.frontiers import Frontier
     from oddsmap.query.likelihood_field import LikelihoodField
     from oddsmap.query.predicted_ranges import RangeDistribution
     from oddsmap.query.queries import PointStates
@@ -70,6 +73,7 @@ if TYPE_CHECKING:
     from oddsmap.sensors.beam import BeamSensor
     from oddsmap.sensors.cone import ConeSensor
     from oddsmap.sensors.overhead import OverheadSensor
+    from oddsmap.witnesses.why import Explanation, ScanVote, why
 
 __all__ = [
     "BeamLikelihood",
@@ -82,7 +86,9 @@ __all__ = [
     "DepthScan",
     "EvidenceMap",
     "ExactPosterior",
+    "Explanation",
     "ForwardModel",
+    "Frontier",
     "FullMap",
     "FullMapConfig",
     "FullMapEstimator",
@@ -109,9 +115,12 @@ __all__ = [
     "Reflection",
     "ReflectionMap",
     "Scan",
+    "ScanVote",
     "State",
     "Thresholds",
     "Trajectory",
+    "Traversability",
+    "Verdict",
     "VoxelMap",
     "Window",
     "__version__",
@@ -132,6 +141,8 @@ __all__ = [
     "open_log",
     "project",
     "score_map",
+    "traversable",
+    "why",
 ]
 
 # Loaded when first used: `import oddsmap` takes milliseconds and compiles nothing.
@@ -146,7 +157,9 @@ _HOME = {
     "DepthScan": "scans.depth_image",
     "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",
+    "Explanation": "witnesses.why",
     "ForwardModel": "forward.model",
+    "Frontier": "query.frontiers",
     "FullMap": "full_map.full_map",
     "FullMapConfig": "config.full_map",
     "FullMapEstimator": "full_map.estimator",
@@ -173,9 +186,12 @@ _HOME = {
     "Reflection": "posterior.reflection",
     "ReflectionMap": "full_map.reflection_map",
     "Scan": "scans.scan",
+    "ScanVote": "witnesses.why",
     "State": "odds",
     "Thresholds": "odds",
     "Trajectory": "poses.trajectory",
+    "Traversability": "projection.traversable",
+    "Verdict": "projection.floor",
     "VoxelMap": "maps.voxel_map",
     "Window": "forward.occupancy_box",
     "add_scans": "integrate.add",
@@ -195,6 +211,8 @@ _HOME = {
     "open_log": "readers",
     "project": "projection.project",
     "score_map": "scoring.held_out",
+    "traversable": "projection.traversable",
+    "why": "witnesses.why",
 }
 
 

@@ -17,8 +17,8 @@ from oddsmap.cli.app import app
 from tests.cli.conftest import Run
 
 COMMANDS = (
-    "build", "export", "info", "doctor", "config", "calibrate", "score", "merge", "subtract",
-    "crop", "compare", "resample", "landmarks", "demo",
+    "build", "export", "info", "doctor", "config", "calibrate", "score", "why", "merge",
+    "subtract", "crop", "compare", "resample", "landmarks", "demo",
 )  # fmt: skip
 CALLBACKS = {c.callback.__name__: c.callback for c in app.registered_commands if c.callback}
 OF_SETTINGS = ("build", "calibrate", "score")

@@ -38,6 +38,8 @@ from oddsmap.cli.score import HELP as SCORE_HELP
 from oddsmap.cli.score import score
 from oddsmap.cli.subtract import HELP as SUBTRACT_HELP
 from oddsmap.cli.subtract import subtract
+from oddsmap.cli.why import HELP as WHY_HELP
+from oddsmap.cli.why import why
 from oddsmap.errors import OddsmapError
 
 __all__ = ["app", "run"]
@@ -53,6 +55,8 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
   oddsmap export intel.zarr intel.yaml  map to ROS; also .png and .npz
   oddsmap score sonar.zarr sonar.npz --held-out
                                         how well it predicts readings
+  oddsmap why intel.zarr intel.log.gz 3.04 -1.2
+                                        which beams voted on a cell
   oddsmap calibrate sonar.npz --resolution 0.1 -o sonar.toml
                                         rates and noise of a sensor
   oddsmap merge a.zarr b.zarr -o both.zarr
@@ -78,6 +82,7 @@ for command, page in (
     (config, CONFIG_HELP),
     (calibrate, CALIBRATE_HELP),
     (score, SCORE_HELP),
+    (why, WHY_HELP),
     (merge, MERGE_HELP),
     (subtract, SUBTRACT_HELP),
     (crop, CROP_HELP),
@@ -87,7 +92,13 @@ for command, page in (
     (demo, DEMO_HELP),
 ):
     # The first line of a page is its summary; where there is none, the parser cuts one out.
-    app.command(cls=Command, help=page, short_help=page.splitlines()[0])(command)
+    app.command(
+        cls=Command,
+        help=page,
+        short_help=page.splitlines()[0],
+        # Where numbers are words of their own, -1.2 is none of the options.
+        context_settings={"ignore_unknown_options": command is why},
+    )(command)
 
 
 def _show_version(show: bool) -> None:

@@ -88,7 +88,7 @@ class ProbabilityMap(Queries):
         low, high = (np.asarray(corner, np.float64) - self.origin for corner in (lo, hi))
         return box_cells(low, high, self.resolution, 2)
 
-    def _map_from_grid(self) -> Frame:
+    def _map_from_cells(self) -> Frame:
         return self._frame()
 
     def _frame(self) -> tuple[FloatArray, FloatArray]:
@@ -121,6 +121,10 @@ class ProbabilityMap(Queries):
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
         y, x = np.nonzero(self.observed)
         yield np.stack([x, y], axis=1), self.state(thresholds=thresholds)[y, x]
+
+    def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:
+        y, x = np.nonzero(self.observed)
+        yield np.stack([x, y], axis=1), self.probability[y, x]
 
     def state(self, *, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
         """Decide each cell: values of `State`, shape (ny, nx).

@@ -253,6 +253,9 @@ class VoxelMap(Queries):
         index, p = self.cells()
         yield index, (thresholds or Thresholds()).state(p, np.ones(len(p), np.bool_))
 
+    def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:
+        yield self.cells()
+
     def cells(
         self,
         region: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,

@@ -356,6 +356,9 @@ class Belief(Queries, ABC):
         limits = thresholds or self.thresholds
         return self.parts(lambda x: limits.state(sigmoid(x), np.ones(x.shape, np.bool_)))
 
+    def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:
+        return self.parts(sigmoid)
+
     def _notes(self) -> dict[str, object]:
         """What else a reader of an exported array should know."""
         return {}

@@ -211,6 +211,10 @@ class BetaView(Queries, ABC):
         lower, upper = self._intervals(alpha, beta)
         yield index, self._decided(lower, upper, np.ones(len(index), np.bool_))
 
+    def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:
+        index, alpha, beta = self.cells()
+        yield index, beta_mean(alpha, beta)
+
     def quantity(self, name: Quantity, region: Region | None = None) -> FloatArray:
         """One of the quantities by its name on the command line.
 

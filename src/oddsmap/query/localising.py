@@ -23,7 +23,7 @@ __all__ = ["Localising"]
 class _View(CellGrid, Protocol):
     """What a view brings along."""
 
-    def _map_from_grid(self) -> Frame | None: ...
+    def _map_from_cells(self) -> Frame | None: ...
 
     def _state_parts(
         self, thresholds: Thresholds | None
@@ -66,7 +66,7 @@ class Localising:
             MapTooLargeError: memory does not hold the box of occupied cells.
         """
         return LikelihoodField(
-            self, self._state_parts(thresholds), frame=self._map_from_grid(), range_max=range_max,
+            self, self._state_parts(thresholds), frame=self._map_from_cells(), range_max=range_max,
             sigma_hit=sigma_hit, z_hit=z_hit, z_rand=z_rand, max_distance=max_distance,
         )  # fmt: skip
 
@@ -101,7 +101,7 @@ class Localising:
             ConfigError: an argument is outside its range.
         """
         return BeamLikelihood(
-            self.ray_caster(thresholds=thresholds), frame=self._map_from_grid(),
+            self.ray_caster(thresholds=thresholds), frame=self._map_from_cells(),
             range_max=range_max, sigma_hit=sigma_hit, lambda_short=lambda_short, z_hit=z_hit,
             z_short=z_short, z_max=z_max, z_rand=z_rand,
         )  # fmt: skip

@@ -33,7 +33,7 @@ class _View(CellGrid, Protocol):
 
     _reflects: ClassVar[bool]
 
-    def _map_from_grid(self) -> Frame | None: ...
+    def _map_from_cells(self) -> Frame | None: ...
 
     def _probability_at(self, cells: IntArray) -> FloatArray: ...
 
@@ -124,7 +124,7 @@ class Predicting:
     ) -> MapAlongRays:
         if unknown is not None and not 0.0 <= unknown <= 1.0:
             raise ConfigError(f"unknown is a probability from 0 to 1, got {unknown}")
-        start, way = rays_in(self, self._map_from_grid(), origins, directions)
+        start, way = rays_in(self, self._map_from_cells(), origins, directions)
 
         def occupancy(cells: IntArray) -> FloatArray:
             if unknown is not None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.odds import Thresholds
+from oddsmap.query.exploring import ExploreQueries
 from oddsmap.query.localising import Localising
 from oddsmap.query.places import CellGrid, Placed
 from oddsmap.query.predicting import Predicting
@@ -57,12 +58,12 @@ class _View(CellGrid, Protocol):
         self, thresholds: Thresholds | None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]: ...
 
-    def _map_from_grid(self) -> Frame | None: ...
+    def _map_from_cells(self) -> Frame | None: ...
 
     def ray_caster(self, *, thresholds: Thresholds | None = None) -> RayCaster: ...
 
 
-class Queries(Localising, Predicting, Placed):
+class Queries(ExploreQueries, Localising, Predicting, Placed):
     """Questions in metres. Points: finite, within 2^46 cells of the map's origin, or refused."""
 
     __slots__ = ()
@@ -143,8 +144,8 @@ class Queries(Localising, Predicting, Placed):
         Args:
             thresholds: what is free and what is occupied; None: the view's.
         """
-        return RayCaster(self, self._state_parts(thresholds), frame=self._map_from_grid())
+        return RayCaster(self, self._state_parts(thresholds), frame=self._map_from_cells())
 
-    def _map_from_grid(self) -> Frame | None:
+    def _map_from_cells(self) -> Frame | None:
         """Where cells count from; None: the map frame."""
         return None
