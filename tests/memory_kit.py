@@ -242,6 +242,19 @@ def asking(grid: Callable[[], Any]) -> Workload:
     return lambda _: repeat
 
 
+def cleaning(folder: Path) -> Repeat:
+    def repeat() -> None:
+        for grid, scans in ((oddsmap.build_map(lidar()[:5], CELL), lidar()[:5]),
+                            (oddsmap.build_map(turns(), 0.2), turns())):  # fmt: skip
+            cleaner = oddsmap.Cleaner(grid)
+            for part in cleaner.label(scans):
+                assert isinstance(part, oddsmap.LabelledScan)
+                cleaner.dynamic_at(part.points)
+            cleaner.static_map()
+
+    return repeat
+
+
 def evaluating(_: Path) -> Repeat:
     p = np.random.default_rng(0).random((400, 400))
     return partial(oddsmap.evaluate, p, p > 0.4)

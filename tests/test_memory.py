@@ -66,6 +66,7 @@ WORKLOADS: dict[str, Workload] = {
     "diagnosis of a log": kit.diagnosing,
     "questions in 2D": kit.asking(kit.plane),
     "questions in 3D": kit.asking(kit.room),
+    "cleaning": kit.cleaning,
     "evaluation": kit.evaluating,
     "exact posterior": kit.exact,
     "views": files_kit.views,

@@ -19,6 +19,7 @@ from oddsmap.version import __version__
 # milliseconds would end a command in a traceback.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from oddsmap.cleaning.cleaner import Cleaner, LabelledScan
     from oddsmap.config.full_map import FullMapConfig
     from oddsmap.doctor.diagnosis import diagnose
     from oddsmap.errors import (
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BeamSensor",
     "Beams",
+    "Cleaner",
     "ConeSensor",
     "ConfigError",
     "DecayRate",
@@ -82,6 +84,7 @@ __all__ = [
     "FullMapEstimator",
     "GridScan",
     "InputError",
+    "LabelledScan",
     "LandmarkMap",
     "Log",
     "LogOdds",
@@ -130,6 +133,7 @@ __all__ = [
 _HOME = {
     "BeamSensor": "sensors.beam",
     "Beams": "forward.beams",
+    "Cleaner": "cleaning.cleaner",
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
     "DecayRate": "posterior.decay_rate",
@@ -142,6 +146,7 @@ _HOME = {
     "FullMapEstimator": "full_map.estimator",
     "GridScan": "scans.grid_scan",
     "InputError": "errors",
+    "LabelledScan": "cleaning.cleaner",
     "LandmarkMap": "landmarks.landmark_map",
     "Log": "scans.log",
     "LogOdds": "posterior.log_odds",
