@@ -5,8 +5,9 @@ Sources: Hornung et al., OctoMap (Autonomous Robots 34, 2013), with the settings
 Zhang, Duberg, Geng, Jia, Wang and Jensfelt, A Dynamic Points Removal Benchmark in Point Cloud Maps
 (ITSC 2023): cells of 0.1 m, hit 0.7, miss 0.4, clamped to 0.12 and 0.97. A point is dynamic where
 its cell is not occupied (p > 0.5) in the end. "GF": the ground is found scan by scan as the level
-plane with the most points within 4 cm, and kept; points that are outliers in their scan (their mean
-distance to 50 neighbours lies more than one standard deviation above that of all) are not mapped.
+plane with the most points within 4 cm, kept, and its rays clear without marking; points that are
+outliers in their scan (their mean distance to 50 neighbours lies more than one standard deviation
+above that of all) are not mapped.
 
 Duberg, Zhang, Jia and Jensfelt, DUFOMap (RA-L 9, 2024): a cell is void if in some one scan rays
 passed it, no ray ended in it or had the last d_s of its way there, and no cell within d_p cells of
@@ -25,7 +26,7 @@ from numba import njit
 
 import oddsmap
 
-__all__ = ["dufomap", "octomap", "octomap_gf"]
+__all__ = ["dufomap", "grounds_and_outliers", "octomap", "octomap_gf"]
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
@@ -50,10 +51,14 @@ def without(scan: oddsmap.Scan, gone: BoolArray) -> oddsmap.Scan:
     )
 
 
+Masks = tuple[list[BoolArray], list[BoolArray]]
+"""Ground points and outliers of each scan."""
+
+
 def octomap(
-    scans: Sequence[oddsmap.Scan], resolution: float, left_out: Sequence[BoolArray] | None = None
+    scans: Sequence[oddsmap.Scan], resolution: float, masks: Masks | None = None
 ) -> list[BoolArray]:
-    """Dynamic points of each scan; those of `left_out` are not mapped."""
+    """Dynamic points of each scan; of `masks` the ground clears alone, outliers do nothing."""
     clouds = [points_of(scan) for scan in scans]
     all_points = np.concatenate(clouds)
     cells, which = np.unique(
@@ -61,16 +66,29 @@ def octomap(
     )
     odds = np.zeros(len(cells))
     for k, scan in enumerate(scans):
-        used = scan if left_out is None else without(scan, left_out[k])
-        hits, passes = oddsmap.build_map([used], resolution).tiles.at(cells)
+        if masks is None:
+            hits, passes = oddsmap.build_map([scan], resolution).tiles.at(cells)
+        else:
+            ground, outlier = masks[0][k], masks[1][k]
+            marks = oddsmap.build_map([without(scan, ground | outlier)], resolution)
+            clears = oddsmap.build_map([without(scan, outlier)], resolution)
+            hits, _ = marks.tiles.at(cells)
+            # A cell of the ground is neither met nor passed.
+            passes = clears.tiles.at(cells)[1]
         change = np.where(hits > 0, _HIT, np.where(passes > 0, _MISS, 0.0))
         odds = np.where(change != 0.0, np.clip(odds + change, _LOWEST, _HIGHEST), odds)
     dynamic = (odds <= 0.0)[which.ravel()]
     return np.split(dynamic, np.cumsum([len(cloud) for cloud in clouds])[:-1])
 
 
-def octomap_gf(scans: Sequence[oddsmap.Scan], resolution: float) -> list[BoolArray]:
+def octomap_gf(scans: Sequence[oddsmap.Scan], resolution: float, masks: Masks) -> list[BoolArray]:
     """As `octomap`, with the ground kept and outliers not mapped."""
+    dynamic = octomap(scans, resolution, masks)
+    return [gone & ~ground for gone, ground in zip(dynamic, masks[0], strict=True)]
+
+
+def grounds_and_outliers(scans: Sequence[oddsmap.Scan]) -> Masks:
+    """What `octomap_gf` takes apart: a scan alone says it, wherever it was taken."""
     from scipy.spatial import cKDTree
 
     rng = np.random.default_rng(0)
@@ -82,9 +100,7 @@ def octomap_gf(scans: Sequence[oddsmap.Scan], resolution: float) -> list[BoolArr
         outlier = mean > mean.mean() + mean.std()
         outliers.append(outlier)
         grounds.append(_level_plane(points, rng))
-    left_out = [outlier | ground for outlier, ground in zip(outliers, grounds, strict=True)]
-    dynamic = octomap(scans, resolution, left_out)
-    return [gone & ~ground for gone, ground in zip(dynamic, grounds, strict=True)]
+    return grounds, outliers
 
 
 def _level_plane(points: FloatArray, rng: np.random.Generator) -> BoolArray:

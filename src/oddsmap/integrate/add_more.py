@@ -8,9 +8,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from oddsmap.errors import InputError
+from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, add_scans, facts_of, ndim_of
+from oddsmap.integrate.forgetting import numbered
 from oddsmap.scans.given_scans import scans_alone, scans_given
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
@@ -24,6 +25,7 @@ def add_more(
     evidence: Evidence,
     scans: Measurement | Iterable[Measurement] | Log,
     *,
+    number: int | None = None,
     sensor: Sensor | None = None,
     method: str = "rays",
     threads: int = 1,
@@ -35,6 +37,13 @@ def add_more(
     as in `EvidenceMap.add`.
     """
     given: Any = scans_given(scans)
+    if number is not None:
+        if evidence.config.map.half_life_scans is None:
+            raise ConfigError(
+                f"number {number} says how old a scan is where map.half_life_scans lets evidence "
+                "fade, which this map does not: leave it out"
+            )
+        given = list(numbered(scans_alone(given), number))
     if isinstance(given, list | tuple):
         for _ in _fitting(given, evidence, sensor):  # all of them before any is added
             pass

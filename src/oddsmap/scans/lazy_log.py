@@ -87,6 +87,7 @@ class LazyLog:
                 self._bad[i] = error
                 continue
             object.__setattr__(scan, "stated", self.sensor)
+            object.__setattr__(scan, "number", i)
             yield scan
 
 
