@@ -51,7 +51,7 @@ def test_the_picture() -> None:
     module: Any = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
-    seen = module.points(scan_count=20, columns=128)
+    seen = module.points(scan_count=12, columns=96)
     assert seen.dynamic[seen.moves].mean() > 0.8
     assert seen.dynamic[~seen.moves].mean() < 0.05
     assert len(module.draw(seen).axes) == 2

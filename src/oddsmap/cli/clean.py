@@ -69,13 +69,15 @@ def clean(
             "-o",
             "--output",
             metavar="FILE",
-            help="Points (.ply, .pcd, .las, .laz) or a map (.zarr) without what moved; may be "
-            "repeated.",
+            help="Points (.ply, .pcd, .las, .laz) or a map (.zarr) without what moved; required, "
+            "and may be repeated.",
         ),
     ] = None,
     resolution: Annotated[
         float | None,
-        typer.Option(metavar="METRES", help="Side of a cell of the map that is made."),
+        typer.Option(
+            metavar="METRES", help="Side of a cell of the map that is made; by default that of MAP."
+        ),
     ] = None,
     level: Annotated[
         float,
