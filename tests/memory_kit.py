@@ -261,6 +261,19 @@ def localising(_: Path) -> Repeat:
     return repeat
 
 
+def cleaning(folder: Path) -> Repeat:
+    def repeat() -> None:
+        for grid, scans in ((oddsmap.build_map(lidar()[:5], CELL), lidar()[:5]),
+                            (oddsmap.build_map(turns(), 0.2), turns())):  # fmt: skip
+            cleaner = oddsmap.Cleaner(grid)
+            for part in cleaner.label(scans):
+                assert isinstance(part, oddsmap.LabelledScan)
+                cleaner.dynamic_at(part.points)
+            cleaner.static_map()
+
+    return repeat
+
+
 def asking_why(_: Path) -> Repeat:
     def repeat() -> None:
         oddsmap.why(plane(), lidar(), (3.0, 3.0))

@@ -89,7 +89,7 @@ FLOORS = (
     ("cli",),
     ("__init__",),
     ("doctor", "scoring"),
-    ("plausibility",),
+    ("cleaning", "plausibility"),
     ("evidence_map",),
     ("full_map",),
     ("projection", "witnesses"),

@@ -69,6 +69,7 @@ WORKLOADS: dict[str, Workload] = {
     "poses, localised": kit.localising,
     "whose votes": kit.asking_why,
     "where to drive": kit.driving,
+    "cleaning": kit.cleaning,
     "evaluation": kit.evaluating,
     "exact posterior": kit.exact,
     "views": files_kit.views,

@@ -19,6 +19,7 @@ from oddsmap.version import __version__
 # milliseconds would end a command in a traceback.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from oddsmap.cleaning.cleaner import Cleaner, LabelledScan
     from oddsmap.config.full_map import FullMapConfig
     from oddsmap.doctor.diagnosis import diagnose
     from oddsmap.errors import (
@@ -80,6 +81,7 @@ __all__ = [
     "BeamSensor",
     "Beams",
     "Calibrated",
+    "Cleaner",
     "ConeSensor",
     "ConfigError",
     "DecayRate",
@@ -94,6 +96,7 @@ __all__ = [
     "FullMapEstimator",
     "GridScan",
     "InputError",
+    "LabelledScan",
     "LandmarkMap",
     "LikelihoodField",
     "Log",
@@ -151,6 +154,7 @@ _HOME = {
     "BeamSensor": "sensors.beam",
     "Beams": "forward.beams",
     "Calibrated": "posterior.calibrated",
+    "Cleaner": "cleaning.cleaner",
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
     "DecayRate": "posterior.decay_rate",
@@ -165,6 +169,7 @@ _HOME = {
     "FullMapEstimator": "full_map.estimator",
     "GridScan": "scans.grid_scan",
     "InputError": "errors",
+    "LabelledScan": "cleaning.cleaner",
     "LandmarkMap": "landmarks.landmark_map",
     "LikelihoodField": "query.likelihood_field",
     "Log": "scans.log",

@@ -15,7 +15,7 @@ from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.add_more import add_more
-from oddsmap.integrate.forgetting import last_stamp
+from oddsmap.integrate.forgetting import last_number, last_stamp, numbered
 from oddsmap.scans.given_scans import scans_alone, scans_given
 from oddsmap.scans.log import Log, parts_of
 from oddsmap.scans.measurement import Measurement
@@ -47,6 +47,7 @@ class EvidenceMap(Evidence):
         self,
         scans: Measurement | Iterable[Measurement] | Log,
         *,
+        number: int | None = None,
         sensor: Sensor | None = None,
         method: str = "rays",
         threads: int = 1,
@@ -58,6 +59,8 @@ class EvidenceMap(Evidence):
 
         Args:
             scans: a scan, some, or a log that `open_log` returned.
+            number: with half_life_scans, the number of the first of these scans in their log, from
+                which the others are counted on; None: the scans know their own, as those of a log.
             sensor: the sensor model of these scans; default: the map's.
             method: as in `build_map`, as are threads and progress.
             threads: how many threads to use.
@@ -69,12 +72,15 @@ class EvidenceMap(Evidence):
 
         Raises:
             InputError: what is given holds no scans, one has another dimension than the map, or is
-                of a wide beam and the map's sensor is none.
+                of a wide beam and the map's sensor is none, or its age is not known where the map
+                forgets.
+            ConfigError: a number for a map that does not count scans, or for a log.
             MapTooLargeError: the map, or one scan of it, would not fit in memory.
         """
         report = add_more(
-            self, scans, sensor=sensor, method=method, threads=threads, progress=progress
-        )
+            self, scans, number=number, sensor=sensor, method=method, threads=threads,
+            progress=progress,
+        )  # fmt: skip
         if self.report is None:
             self.report = Report()
         self.report.include(report)
@@ -180,6 +186,8 @@ def build_map(
     votes: str | None = None,
     half_life: float | None = None,
     t_ref_ns: int | None = None,
+    half_life_scans: float | None = None,
+    ref_scan: int | None = None,
     path_lengths: bool = False,
     method: str = "rays",
     threads: int = 1,
@@ -200,6 +208,10 @@ def build_map(
             a stamp. None: it never fades.
         t_ref_ns: the time at which it weighs 1 [ns]; default: that of the last scan, for which
             the log is read twice.
+        half_life_scans: after so many scans evidence weighs half, for logs without stamps. Scans
+            that no log has numbered are counted in the order given.
+        ref_scan: the number of the scan at which it weighs 1, counted from 0; default: that of the
+            last scan, for which the log is read twice.
         path_lengths: True: also keep the length of the beams inside each cell, for
             `EvidenceMap.decay_rate`; needs votes "beam".
         method: how depth images free cells. "rays": exactly, along the ray of every pixel;
@@ -221,6 +233,13 @@ def build_map(
     if half_life is not None and t_ref_ns is None:
         taken = list(taken) if isinstance(taken, Iterator) else taken
         t_ref_ns = last_stamp(taken)
+    if half_life_scans is not None:
+        if not hasattr(taken, "sensors"):
+            taken = list(scans_alone(taken))
+            if all(scan.number is None for scan in taken):
+                taken = list(numbered(taken))
+        if ref_scan is None:
+            ref_scan = last_number(taken)
     # Sensors that state different things are one model each; whoever gives the sensor has decided.
     taken, *others = parts_of(taken) if sensor is None else [taken]
     scans = scans_alone(taken)
@@ -233,6 +252,7 @@ def build_map(
     ndim = ndim_of(first)
     evidence = EvidenceMap(
         resolution, votes=votes, half_life=half_life, t_ref_ns=t_ref_ns,
+        half_life_scans=half_life_scans, ref_scan=ref_scan,
         path_lengths=path_lengths, sensor=sensor, ndim=ndim,
     )  # fmt: skip
     evidence.report = add_log(

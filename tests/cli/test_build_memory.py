@@ -48,3 +48,25 @@ def test_path_lengths(run: Run, office: Path, tmp_path: Path) -> None:
     assert len(index) >= grid.cell_count() / 2
     assert units.sum() > 0
     assert (grid.decay_rate().mean() > 0.0).all()
+
+
+def test_a_half_life_of_scans_counts_back_from_the_last_one(
+    run: Run, office: Path, tmp_path: Path
+) -> None:
+    out, again = tmp_path / "a.zarr", tmp_path / "b.zarr"
+    words = ("build", office, "--resolution", 0.2)
+    done = run(*words, "--half-life-scans", 5, "-o", out, "--json")
+    assert done.status == 0, done.err
+    log = oddsmap.open_log(office)
+    grid = oddsmap.load_map(out)
+    assert (grid.config.map.half_life_scans, grid.config.map.ref_scan) == (5, len(log) - 1)
+    settings = tmp_path / "door.toml"
+    settings.write_text(f"[map]\nhalf_life_scans = 5\nref_scan = {len(log)}\n")
+    run(*words, "--config", settings, "-o", again)
+    assert oddsmap.load_map(again).census().hits < grid.census().hits
+    differ = run("merge", out, again, "-o", tmp_path / "c.zarr")
+    assert "different ref_scan" in differ.line
+    two = run(*words[:2], office, *words[2:], "--half-life-scans", 5, "-o", tmp_path / "c.zarr")
+    assert "two scans have the number 0" in two.line
+    late = run(*words, "--half-life-scans", 5, "--set", "map.ref_scan=3", "-o", tmp_path / "c.zarr")
+    assert "scan 4 is later than the map's ref_scan 3" in late.line

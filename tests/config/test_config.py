@@ -83,6 +83,8 @@ CHANGES: dict[str, dict[str, Any]] = {
         "votes": "beam",
         "half_life": (30.0, {"t_ref_ns": None}),
         "t_ref_ns": (90 * 10**9, {"half_life": 30.0}),
+        "half_life_scans": (3.0, {"ref_scan": None}),
+        "ref_scan": (5, {"half_life_scans": 3.0}),
         "path_lengths": (True, {"votes": "beam"}),
     },
     "posterior": {"prior": 0.2, "free": 0.45, "occupied": 0.75},
@@ -162,6 +164,7 @@ LARGE = {
     ("cone", "sigma"),
     ("map", "resolution"),
     ("map", "half_life"),
+    ("map", "half_life_scans"),
     ("full_map", "coupling"),
     ("full_map", "tolerance"),
 }

@@ -12,6 +12,8 @@ from oddsmap.cli.build import HELP as BUILD_HELP
 from oddsmap.cli.build import build
 from oddsmap.cli.calibrate import HELP as CALIBRATE_HELP
 from oddsmap.cli.calibrate import calibrate
+from oddsmap.cli.clean import HELP as CLEAN_HELP
+from oddsmap.cli.clean import clean
 from oddsmap.cli.command import Command
 from oddsmap.cli.compare import HELP as COMPARE_HELP
 from oddsmap.cli.compare import compare
@@ -62,6 +64,8 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
   oddsmap merge a.zarr b.zarr -o both.zarr
                                         maps added; also subtract,
                                         crop, resample, compare
+  oddsmap clean town/ --resolution 0.2 -o static.ply
+                                        points without what moved
   oddsmap landmarks seen.csv -o trees.csv
                                         points in place of cells
 
@@ -88,6 +92,7 @@ for command, page in (
     (crop, CROP_HELP),
     (compare, COMPARE_HELP),
     (resample, RESAMPLE_HELP),
+    (clean, CLEAN_HELP),
     (landmarks, LANDMARKS_HELP),
     (demo, DEMO_HELP),
 ):

@@ -71,6 +71,14 @@ def build(
             "for sonar and tof."
         ),
     ] = None,
+    half_life_scans: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SCANS",
+            help="After so many scans evidence weighs half, where things move; by default it never "
+            "fades.",
+        ),
+    ] = None,
     clear_range: Annotated[
         float | None,
         typer.Option(
@@ -134,6 +142,7 @@ def build(
         settings=MapSettings(
             resolution=resolution,
             votes=votes,
+            half_life_scans=half_life_scans,
             sensor=sensor,
             range_max=range_max,
             clear_range=clear_range,

@@ -29,6 +29,7 @@ class MapSettings:
 
     resolution: float | None = None
     votes: Literal["scan", "beam"] | None = None
+    half_life_scans: float | None = None
     sensor: str | None = None
     range_max: float | None = None
     clear_range: float | None = None
@@ -44,7 +45,11 @@ class MapSettings:
         """
         kind = None if self.sensor is None else sensor_names()[self.sensor]
         options: Layer = {
-            "map": {"resolution": self.resolution, "votes": self.votes},
+            "map": {
+                "resolution": self.resolution,
+                "votes": self.votes,
+                "half_life_scans": self.half_life_scans,
+            },
             "sensor": {
                 "range_max": self.range_max,
                 "clear_range": self.clear_range,

@@ -105,6 +105,9 @@ def _notes(first: LogOdds, second: LogOdds) -> Iterator[str]:
         "posterior.occupied": (first.thresholds.occupied, second.thresholds.occupied),
         "map.votes": (first.evidence.votes, second.evidence.votes),
         "map.half_life": tuple(view.evidence.config.map.half_life for view in (first, second)),
+        "map.half_life_scans": tuple(
+            view.evidence.config.map.half_life_scans for view in (first, second)
+        ),
     }
     differ = [
         f"{name} is {b}, and {a} in the first map" for name, (a, b) in pairs.items() if a != b

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,17 +61,22 @@ def _empty_map(opened: OpenedLogs) -> EvidenceMap:
     """The map to fill, by the configuration of the first log."""
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.integrate.add import ndim_of
-    from oddsmap.integrate.forgetting import last_stamp
+    from oddsmap.integrate.forgetting import last_number, last_stamp
 
     config = opened.logs[0].config
     t_ref_ns = config.map.t_ref_ns
     if config.map.half_life is not None and t_ref_ns is None:
         t_ref_ns = max(last_stamp(part.log) for part in opened.logs)
+    ref_scan = config.map.ref_scan
+    if config.map.half_life_scans is not None and ref_scan is None:
+        ref_scan = last_number(chain.from_iterable(part.log for part in opened.logs))
     return EvidenceMap(
         config.map.resolution,
         votes=config.map.votes,
         half_life=config.map.half_life,
         t_ref_ns=t_ref_ns,
+        half_life_scans=config.map.half_life_scans,
+        ref_scan=ref_scan,
         path_lengths=config.map.path_lengths,
         sensor=config.sensor,
         posterior=config.posterior,

@@ -101,7 +101,7 @@ _WHY = {
     "beam.outside_angles": " (neither mark nor clear: sensor.angle_min and angle_max)",
     "beam.below_range_min": " (no information)",
     "beam.zero_range": " (a range of 0 is no reading)",
-    "scan.forgotten": " (so old that they weigh nothing: map.half_life)",
-    "vote.underflow": " (weights too old to count in a cell: map.half_life)",
-    "length.underflow": " (lengths too old to count in a cell: map.half_life)",
+    "scan.forgotten": " (so old that they weigh nothing: map.half_life, half_life_scans)",
+    "vote.underflow": " (weights too old to count in a cell: map.half_life, half_life_scans)",
+    "length.underflow": " (lengths too old to count in a cell: map.half_life, half_life_scans)",
 }

@@ -9,24 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from oddsmap.cli.log_options import LogOptions, read_camera, read_extrinsics
+from oddsmap.cli.log_options import LogOptions, takes_log_options
 from oddsmap.cli.made_of_maps import SavedMap, read_map
 from oddsmap.cli.options import (
-    BodyFromSensor,
-    Camera,
-    ClockOffset,
-    Columns,
-    DepthScale,
-    Deskew,
-    Frame,
-    Origin,
-    PointsIn,
-    Poses,
     Quiet,
-    Scans,
-    SkipBad,
-    Times,
-    Tolerance,
     Verbose,
     json_option,
 )
@@ -56,26 +42,15 @@ checked, and said where they do not.
 _LISTED = 6
 
 
+@takes_log_options
 def why(
+    *,
     source: SavedMap,
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The log that it was made of.")],
     point: Annotated[
         list[str], typer.Argument(metavar="X Y [Z]", help="A point in the map frame [metres].")
     ],
-    poses: Poses = None,
-    times: Times = None,
-    tolerance: Tolerance = None,
-    scans: Scans = None,
-    frame: Frame = None,
-    clock_offset: ClockOffset = 0.0,
-    deskew: Deskew = "auto",
-    extrinsics: BodyFromSensor = None,
-    camera: Camera = None,
-    points_in: PointsIn = None,
-    origin: Origin = None,
-    columns: Columns = None,
-    depth_scale: DepthScale = None,
-    skip_bad: SkipBad = False,
+    log_options: LogOptions,
     as_json: Annotated[bool, json_option("the votes")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -86,32 +61,16 @@ def why(
     from oddsmap.witnesses.why import why as explain
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
-    options = LogOptions(
-        poses=poses,
-        times=times,
-        tolerance=tolerance,
-        scans=tuple(scans or ()),
-        frame=frame,
-        clock_offset=clock_offset,
-        deskew=deskew,
-        extrinsics=read_extrinsics(extrinsics),
-        camera=read_camera(camera),
-        depth_scale=depth_scale,
-        skip_bad=skip_bad,
-        points_in=points_in,
-        origin=origin,
-        columns=columns,
-    )
     place = _point(point)
     check_logs([log])
-    check_files([source, log, *options.files(log)], force=False)
+    check_files([source, log, *log_options.files(log)], force=False)
     grid = read_map(source, voice)
     if len(place) != grid.ndim:
         raise ConfigError(
             f"{source}: is a {grid.ndim}D map, whose points have {grid.ndim} numbers; got "
             f"{' '.join(point)}"
         )
-    opened = options.open(log)
+    opened = log_options.open(log)
     with progress_of_scans("asking", opened.scan_count, quiet=voice.still) as progress:
         found = explain(grid, opened, place, progress=progress)
     view = grid.log_odds()

@@ -33,6 +33,11 @@ class MapConfig:
             t votes with the weight 2^(-(t_ref - t) / half_life).
         t_ref_ns: the time t_ref at which evidence weighs 1, that of the last scan or later [ns];
             by default that of the log's last scan.
+        half_life_scans: after so many scans evidence weighs half, for logs without stamps; None: it
+            never fades. Scan i of its log votes with the weight
+            2^(-(ref_scan - i) / half_life_scans).
+        ref_scan: the number of the scan at which evidence weighs 1, counted from 0, that of the
+            last scan or later; by default that of the log's last scan.
         path_lengths: True: also keep the length of the beams inside each cell, for the decay-rate
             view; needs votes "beam".
 
@@ -44,6 +49,8 @@ class MapConfig:
     votes: str = "scan"
     half_life: float | None = None
     t_ref_ns: int | None = None
+    half_life_scans: float | None = None
+    ref_scan: int | None = None
     path_lengths: bool = False
 
     def __post_init__(self) -> None:
@@ -57,10 +64,30 @@ class MapConfig:
             raise ConfigError(
                 f"map.t_ref_ns {self.t_ref_ns} is where map.half_life counts back from: set both"
             )
+        if self.half_life_scans is not None:
+            if not 0.0 < self.half_life_scans < math.inf:
+                raise ConfigError(
+                    f"map.half_life_scans is a number of scans above 0, got {self.half_life_scans}"
+                )
+            if self.half_life is not None:
+                raise ConfigError(
+                    "map.half_life and map.half_life_scans both let evidence fade: set one, by "
+                    "stamps or by numbers of scans"
+                )
+        if self.ref_scan is not None and self.half_life_scans is None:
+            raise ConfigError(
+                f"map.ref_scan {self.ref_scan} is where map.half_life_scans counts back from: set "
+                "both"
+            )
         if self.path_lengths and self.votes != "beam":
             raise ConfigError(
                 f'map.path_lengths counts every beam: it needs map.votes "beam", got "{self.votes}"'
             )
+
+    @property
+    def forgets(self) -> bool:
+        """Whether scans have weights other than 1."""
+        return self.half_life is not None or self.half_life_scans is not None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -67,6 +67,8 @@ def _remedy(name: str, own: object, other: object) -> str:
             "build both with the later map.t_ref_ns, or take the earlier one there with rescaled, "
             "which rounds"
         )
+    if name == "ref_scan" and None not in (own, other):
+        return "build both with the later map.ref_scan"
     return f"build one again with the other's map.{name}"
 
 

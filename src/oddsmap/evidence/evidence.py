@@ -54,6 +54,8 @@ class Evidence(Placed):
         votes: "scan" or "beam", see `build_map`; default: the choice of the kind of sensor.
         half_life: after this time evidence weighs half [s]; None: it never fades.
         t_ref_ns: the time at which evidence weighs 1 [ns]; with a half-life only.
+        half_life_scans: after so many scans evidence weighs half; None: it never fades.
+        ref_scan: the number of the scan at which it weighs 1; with half_life_scans only.
         path_lengths: True: also keep the length of beams inside cells.
         sensor: the sensor model that evidence is made with; its p_hit and p_miss are the
             defaults of the views.
@@ -72,6 +74,8 @@ class Evidence(Placed):
         votes: str | None = None,
         half_life: float | None = None,
         t_ref_ns: int | None = None,
+        half_life_scans: float | None = None,
+        ref_scan: int | None = None,
         path_lengths: bool = False,
         sensor: Sensor | None = None,
         posterior: PosteriorConfig | None = None,
@@ -91,6 +95,8 @@ class Evidence(Placed):
                 votes=votes or sensor.default_votes,
                 half_life=half_life,
                 t_ref_ns=t_ref_ns,
+                half_life_scans=half_life_scans,
+                ref_scan=ref_scan,
                 path_lengths=path_lengths,
             ),
             sensor=sensor,
@@ -102,6 +108,11 @@ class Evidence(Placed):
             raise ConfigError(
                 "map.half_life needs map.t_ref_ns, the time it counts back from [ns]: give that of "
                 "the last scan, as build_map and oddsmap build do"
+            )
+        if half_life_scans is not None and ref_scan is None:
+            raise ConfigError(
+                "map.half_life_scans needs map.ref_scan, the number of the scan it counts back "
+                "from: give that of the last scan, as build_map and oddsmap build do"
             )
         self.tiles = TileStore(ndim, tile_side or TILE_SIDE[ndim])
         self.lengths = self.new_tiles() if path_lengths else None
@@ -263,8 +274,9 @@ class Evidence(Placed):
                 which votes were whose, and views weigh all by this map's sensor model.
 
         Raises:
-            InputError: the maps differ in resolution, dimensions, kind of votes, half-life or its
-                t_ref_ns (see `rescaled`), in whether they keep lengths, or in the kind of sensor.
+            InputError: the maps differ in resolution, dimensions, kind of votes, half-life or what
+                it counts back from (see `rescaled`), in whether they keep lengths, or in the kind
+                of sensor.
         """
         self._check_same_kind(other, any_sensor=any_sensor, done="added")
         merge_tiles(self.tiles, other.tiles)
@@ -432,6 +444,8 @@ class Evidence(Placed):
             votes=self.votes,
             half_life=own.half_life,
             t_ref_ns=own.t_ref_ns if t_ref_ns is None else t_ref_ns,
+            half_life_scans=own.half_life_scans,
+            ref_scan=own.ref_scan,
             path_lengths=own.path_lengths,
             sensor=self.sensor,
             posterior=self.config.posterior,

@@ -230,6 +230,8 @@ def _empty_map(path: Path, kind: type[E], header: Header) -> E:
         votes=config.map.votes,
         half_life=config.map.half_life,
         t_ref_ns=config.map.t_ref_ns,
+        half_life_scans=config.map.half_life_scans,
+        ref_scan=config.map.ref_scan,
         path_lengths=config.map.path_lengths,
         sensor=config.sensor,
         posterior=config.posterior,

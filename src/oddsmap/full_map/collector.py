@@ -29,7 +29,7 @@ __all__ = ["BeamCollector", "ranging_sensor"]
 
 # Settings of the filter that would change which readings count, and how much.
 _OF_THE_FILTER = {
-    "map": ("half_life", "path_lengths"),
+    "map": ("half_life", "half_life_scans", "path_lengths"),
     "sensor": ("mark_z_min", "mark_z_max", "body_min", "body_max"),
 }
 

@@ -75,6 +75,8 @@ def facts_of(evidence: Evidence, sensor: Sensor, method: str) -> dict[str, Any]:
     """What the provenance says of how scans were added."""
     facts = {"sensor": settings_of(sensor), "method": method}
     own = evidence.config.map
+    if own.half_life_scans is not None:
+        return {**facts, "half_life_scans": own.half_life_scans, "ref_scan": own.ref_scan}
     if own.half_life is None:
         return facts
     return {**facts, "half_life": own.half_life, "t_ref_ns": own.t_ref_ns}

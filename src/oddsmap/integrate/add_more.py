@@ -8,9 +8,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from oddsmap.errors import InputError
+import numpy as np
+
+from oddsmap.errors import ConfigError, InputError, shown
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, add_scans, facts_of, ndim_of
+from oddsmap.integrate.forgetting import numbered
 from oddsmap.scans.given_scans import scans_alone, scans_given
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
@@ -24,6 +27,7 @@ def add_more(
     evidence: Evidence,
     scans: Measurement | Iterable[Measurement] | Log,
     *,
+    number: int | None = None,
     sensor: Sensor | None = None,
     method: str = "rays",
     threads: int = 1,
@@ -35,6 +39,11 @@ def add_more(
     as in `EvidenceMap.add`.
     """
     given: Any = scans_given(scans)
+    if number is not None:
+        _check_number(number, evidence, given)
+        whole = isinstance(given, list | tuple)
+        given = numbered(scans_alone(given), number)
+        given = list(given) if whole else given
     if isinstance(given, list | tuple):
         for _ in _fitting(given, evidence, sensor):  # all of them before any is added
             pass
@@ -49,6 +58,18 @@ def add_more(
     )
     _note(evidence, report, facts_of(evidence, sensor or evidence.sensor, method))
     return report
+
+
+def _check_number(number: int, evidence: Evidence, given: object) -> None:
+    if evidence.config.map.half_life_scans is None:
+        raise ConfigError(
+            f"number {number} says how old a scan is where map.half_life_scans lets evidence "
+            "fade, which this map does not: leave it out"
+        )
+    if not isinstance(number, int | np.integer) or number < 0:
+        raise ConfigError(f"number of the first scan in its log: 0 or above, got {shown(number)}")
+    if hasattr(given, "sensors"):
+        raise ConfigError(f"number {number}: the scans of a log know their own; leave it out")
 
 
 def _fitting(

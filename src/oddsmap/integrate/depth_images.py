@@ -67,8 +67,10 @@ class ProjectiveIntegrator(Integrator3D):
                     f'method "projective" gives one whole hit per beam: it needs sensor.{field} = '
                     f"0, got {value:g}"
                 )
-        if evidence.config.map.half_life is not None:
-            raise ConfigError('method "projective" gives whole votes: it takes no map.half_life')
+        if evidence.config.map.forgets:
+            own = evidence.config.map
+            name = "half_life" if own.half_life is not None else "half_life_scans"
+            raise ConfigError(f'method "projective" gives whole votes: it takes no map.{name}')
         check_filters(3, sensor.heights, sensor.body, sensor.angle_window)
         super().__init__(evidence, sensor, tiles, lock)
         self._filters = np.isfinite(sensor.heights).any() or np.isfinite(sensor.body).all()

@@ -70,7 +70,7 @@ class Integrator2D:
         self._sensor = sensor
         self._every_beam = evidence.votes == "beam"
         self._shape = beam_shape(sensor.hit_shape, evidence.resolution)
-        forgets = evidence.config.map.half_life is not None
+        forgets = evidence.config.map.forgets
         self._whole = sensor.whole_votes and not forgets
         self._mark_window = np.zeros((1, 0), np.uint8)
         self._count_window = np.zeros((2, 0), np.uint16)

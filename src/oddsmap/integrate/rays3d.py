@@ -78,7 +78,7 @@ class Integrator3D:
         self._sensor = sensor
         self._every_beam = evidence.votes == "beam"
         self._shape = beam_shape(sensor.hit_shape, evidence.resolution)
-        forgets = evidence.config.map.half_life is not None
+        forgets = evidence.config.map.forgets
         self._gathers = _votes_gathered_as(sensor.whole_votes and not forgets, self._every_beam)
         self._bits = tiles.side.bit_length() - 1
         if tiles.side != 1 << self._bits:

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 
+from oddsmap.config.config import MapConfig
 from oddsmap.errors import MapTooLargeError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.forgetting import by_weight
@@ -43,7 +44,7 @@ class WorkerPool:
         self, evidence: Evidence, sensor: Sensor, threads: int, method: str = "rays"
     ) -> None:
         self._evidence, self._sensor = evidence, sensor
-        self._forgets = evidence.config.map.half_life, evidence.config.map.t_ref_ns
+        self._map = evidence.config.map
         self._integrators = make_integrators(evidence, sensor, threads, method)
         self._busy_s = dict.fromkeys(range(threads), 0.0)
         self.read_s = 0.0
@@ -91,10 +92,9 @@ class WorkerPool:
     def _add(self, who: int, batch: list[Measurement]) -> Counts:
         started = time.perf_counter()
         try:
-            half_life, t_ref_ns = self._forgets
-            if half_life is None or t_ref_ns is None:
+            if not self._map.forgets:
                 return self._integrators[who].add(batch)
-            return _add_by_weight(self._integrators[who], batch, half_life, t_ref_ns)
+            return _add_by_weight(self._integrators[who], batch, self._map)
         except MapTooLargeError as error:
             raise with_readings(error, batch, self._sensor) from None
         finally:
@@ -120,11 +120,11 @@ class WorkerPool:
 
 
 def _add_by_weight(
-    integrator: Integrator, batch: Sequence[Measurement], half_life: float, t_ref_ns: int
+    integrator: Integrator, batch: Sequence[Measurement], settings: MapConfig
 ) -> Counts:
     """Add scans that weigh less the older they are."""
     scan_count, beam_count, skipped = 0, 0, Counter[str]()
-    for scale, scans in by_weight(batch, half_life, t_ref_ns).items():
+    for scale, scans in by_weight(batch, settings).items():
         if scale == 0:
             skipped["scan.forgotten"] += len(scans)
             continue

@@ -25,7 +25,7 @@ __all__ = ["compile_kernels"]
 
 def compile_kernels(evidence: Evidence, sensor: Sensor, method: str) -> float:
     """Compile what a map needs, or load it from the cache; returns the seconds that took."""
-    weights = evidence.config.map.half_life is not None or not getattr(sensor, "whole_votes", True)
+    weights = evidence.config.map.forgets or not getattr(sensor, "whole_votes", True)
     return warm_up(
         _map_a_toy,
         evidence.ndim,

@@ -17,7 +17,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.map_files.fields import CellPoints, PointPart
 from oddsmap.odds import Thresholds
 
-__all__ = ["save_las"]
+__all__ = ["errors_of_laz", "laspy_module", "save_las"]
 
 _POINT_FORMAT = 6  # the plainest of LAS 1.4
 _LARGEST = (1 << 31) - 1  # coordinates are an int32
@@ -65,7 +65,7 @@ def save_las(
         raise ConfigError(f"{path}: points of this kind are named .las or .laz")
     compressed = path.suffix.lower() == ".laz"
     header = _header(cells, path, crs)
-    faults = _errors_of_laz() if compressed else ()
+    faults = errors_of_laz() if compressed else ()
     check_output(path, force=force)
     import laspy
 
@@ -96,8 +96,12 @@ def _record(some: PointPart, header: Any) -> Any:
     return record
 
 
-def _errors_of_laz() -> tuple[type[Exception], ...]:
-    """What the compressor raises."""
+def errors_of_laz() -> tuple[type[Exception], ...]:
+    """What the compressor raises.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
     try:
         lazrs = import_module("lazrs")  # has no types
     except ImportError:
@@ -105,13 +109,22 @@ def _errors_of_laz() -> tuple[type[Exception], ...]:
     return (lazrs.LazrsError,)
 
 
-def _header(cells: CellPoints, path: Path, crs: str | None) -> Any:
+def laspy_module() -> Any:
+    """The package that writes LAS.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
     try:
-        import laspy
+        return import_module("laspy")
     except ImportError:
         raise ConfigError(
             'LAS and LAZ are written with laspy: pip install "oddsmap[survey]"'
         ) from None
+
+
+def _header(cells: CellPoints, path: Path, crs: str | None) -> Any:
+    laspy = laspy_module()
     bounds = cells.bounds()
     header = laspy.LasHeader(point_format=_POINT_FORMAT, version="1.4")
     header.generating_software = "oddsmap"

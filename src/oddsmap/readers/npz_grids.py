@@ -89,7 +89,7 @@ class GridLog(LogItems):
             if grid.dtype.kind in "iu":
                 seen[grid == _NOT_SEEN] = np.nan
             stamp_ns = None if self.stamps_ns is None else int(self.stamps_ns[i])
-            yield GridScan(Pose2(*pose), seen, self.pixel, self.corner, stamp_ns)
+            yield GridScan(Pose2(*pose), seen, self.pixel, self.corner, stamp_ns, number=i)
 
 
 def open_npz_grids(source: Source) -> GridLog:

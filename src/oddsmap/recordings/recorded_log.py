@@ -201,7 +201,8 @@ class RecordedLog(ReadOnDemand):
         self._restated.clear()
         self._leaning.clear()
         kinds = {topic.name: topic.type for topic in self.topics}
-        for message in self.recording.messages(kinds):
+        # Messages are counted, the unreadable ones, too: what is skipped moves no number.
+        for number, message in enumerate(self.recording.messages(kinds)):
             name = message.topic
             try:
                 beams = beams_of(kinds[name], message.data, self.units_per_metre)
@@ -222,6 +223,7 @@ class RecordedLog(ReadOnDemand):
             if beams.settings != stated:
                 self._restated[sensor] += 1
             object.__setattr__(scan, "stated", stated)
+            object.__setattr__(scan, "number", number)
             object.__setattr__(scan, "sensor_id", sensor)
             yield scan
 

@@ -163,6 +163,7 @@ class DepthScan:
         camera: the intrinsics.
         stamp_ns: time of the image [ns], or None where the log has none to trust.
         sensor_id: which of the log's sensors made it: a key of `Log.sensors`.
+        number: which measurement of its log it is, counted from 0; None where nobody has counted.
 
     Raises:
         InputError: the image has another size than the intrinsics are for, holds integers, or the
@@ -174,6 +175,7 @@ class DepthScan:
     camera: PinholeCamera
     stamp_ns: int | None = None
     sensor_id: str = ""
+    number: int | None = None
     stated: Mapping[str, float] = field(default_factory=dict, init=False, repr=False)
     """What its log states about the sensor, by the names of the configuration; logs set it."""
 
@@ -259,6 +261,7 @@ class DepthScan:
             ranges.ravel(),
             self.stamp_ns,
             sensor_id=self.sensor_id,
+            number=self.number,
             trusted=True,
         )
         with np.errstate(invalid="ignore"):  # depths that are infinite, at x = 0

@@ -32,6 +32,7 @@ class GridScan:
         corner: position of the lower left corner of pixel (0, 0) in the sensor frame [m].
         stamp_ns: time of the scan [ns], or None where the log has none to trust.
         sensor_id: which of the log's sensors made it: a key of `Log.sensors`.
+        number: which measurement of its log it is, counted from 0; None where nobody has counted.
 
     Raises:
         InputError: another shape, values outside [0, 1], a side that is not positive, a corner
@@ -44,6 +45,7 @@ class GridScan:
     corner: tuple[float, float]
     stamp_ns: int | None = None
     sensor_id: str = ""
+    number: int | None = None
 
     def __post_init__(self) -> None:
         where = pose_of(self.map_from_sensor)

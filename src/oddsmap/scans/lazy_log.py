@@ -102,6 +102,7 @@ class LazyLog(ReadOnDemand):
     def _read(self, i: int) -> Any:
         scan = self.read_scan(i)
         object.__setattr__(scan, "stated", self.sensor)
+        object.__setattr__(scan, "number", i)
         return scan
 
 

@@ -46,8 +46,9 @@ class LoadedLog(LogItems):
     bad_lines: tuple[BadLine, ...] = ()
 
     def __post_init__(self) -> None:
-        for scan in self.scans:
+        for number, scan in enumerate(self.scans):
             object.__setattr__(scan, "stated", self.sensor)
+            object.__setattr__(scan, "number", number)
 
     @property
     def sensors(self) -> Mapping[str, SensorInfo]:

@@ -39,6 +39,7 @@ class Scan:
 
     Other Args:
         sensor_id: which of the log's sensors made it: a key of `Log.sensors`.
+        number: which measurement of its log it is, counted from 0; None where nobody has counted.
         beam_times_ns: time of each beam [ns], shape (n,), where they were not taken at once.
         beam_origins: where each beam starts in the sensor frame [m], shape (n, d); None: at the
             sensor. A scan taken while the sensor moved has one for each beam, or for each group
@@ -58,6 +59,7 @@ class Scan:
     stamp_ns: int | None = None
     _: KW_ONLY
     sensor_id: str = ""
+    number: int | None = None
     beam_times_ns: IntArray | None = None
     beam_origins: FloatArray | None = None
     trusted: InitVar[bool] = False

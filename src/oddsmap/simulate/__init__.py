@@ -23,6 +23,7 @@ from oddsmap.simulate.shapes import Disc, Polygon, Rectangle, Shape, walls_aroun
 from oddsmap.simulate.solids import Box, Cylinder, Ground, Solid
 from oddsmap.simulate.sonar2d import Sonar2D
 from oddsmap.simulate.town import drive3d, town
+from oddsmap.simulate.traffic import Mover, MovingWorld, traffic
 from oddsmap.simulate.world3d import World3D
 
 __all__ = [
@@ -36,6 +37,8 @@ __all__ = [
     "Ground",
     "Lidar2D",
     "Lidar3D",
+    "Mover",
+    "MovingWorld",
     "OverheadCamera",
     "Polygon",
     "Rectangle",
@@ -51,6 +54,7 @@ __all__ = [
     "room",
     "room_walk",
     "town",
+    "traffic",
     "walls_around",
     "write_carmen",
 ]

@@ -13,7 +13,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.simulate.solids import Box, Cylinder, Ground, Solid
 from oddsmap.simulate.world3d import World3D
 
-__all__ = ["drive3d", "town"]
+__all__ = ["drive3d", "on_lane", "town"]
 
 
 # The middle of the street: an ellipse around (0, 0) with these half axes [m], 152 m long.
@@ -104,6 +104,21 @@ def _beside_street(angle: float, offset: float) -> tuple[float, float]:
     """The point that many metres to the right of the street: outside of the loop."""
     (x, y), yaw = _on_street(angle), _heading(angle)
     return x + offset * math.sin(yaw), y - offset * math.cos(yaw)
+
+
+def on_lane(shares: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Points along the street.
+
+    Args:
+        shares: of its length, from where `drive3d` starts, shape (n,).
+        offsets: how far to the right of its middle [m], shape (n,).
+
+    Returns:
+        x and y [m], shape (n, 2).
+    """
+    angles = _angles(np.asarray(shares, np.float64))
+    places = zip(angles.tolist(), offsets.tolist(), strict=True)
+    return np.array([_beside_street(angle, offset) for angle, offset in places])
 
 
 def _clear_of_street(solid: Solid) -> bool:
