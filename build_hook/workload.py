@@ -156,6 +156,8 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     view.probability((lo, hi))
     view.at(np.ones((2, grid.ndim)))
     view.cast_rays(np.ones(grid.ndim), np.eye(grid.ndim), 5.0)
+    view.distance_field(signed=True)
+    view.distance_field(region=(hi + 50_000, hi + 50_001))  # squares in 8 bytes instead of 4
     if grid.lengths is not None:
         grid.cell_lengths()
         loaded.decay_rate().mean((lo, hi))

@@ -238,6 +238,12 @@ def asking(grid: Callable[[], Any]) -> Workload:
         view.states_at(points)
         view.cast_rays(np.zeros_like(points), ways, 5.0, threads=2)
         view.ray_caster().cast(np.zeros_like(points), ways, 5.0)
+        field = view.distance_field(1.0, signed=True, threads=2)
+        field.update(view)
+        field.at(points)
+        if view.ndim == 2:
+            costs = view.costmap(0.3)
+            oddsmap.inflate(costs.cost, CELL, inscribed_radius=0.3)
 
     return lambda _: repeat
 

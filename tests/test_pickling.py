@@ -24,10 +24,10 @@ CAMERA = oddsmap.PinholeCamera(10.0, 10.0, 1.5, 1.5, width=4, height=4)
 
 
 NAMES = [
-    "BeamSensor", "Beams", "ConeSensor", "DecayRate", "DepthScan", "EvidenceMap", "ForwardModel",
-    "FullMap", "FullMapConfig", "GridScan", "LogOdds", "OverheadSensor", "PinholeCamera", "Pose2",
-    "Pose3", "ProbabilityMap", "Reflection", "Scan", "State", "Thresholds", "Trajectory",
-    "VoxelMap",
+    "BeamSensor", "Beams", "ConeSensor", "Costmap", "DecayRate", "DepthScan", "DistanceField",
+    "EvidenceMap", "ForwardModel", "FullMap", "FullMapConfig", "GridScan", "LogOdds",
+    "OverheadSensor", "PinholeCamera", "Pose2", "Pose3", "ProbabilityMap", "Reflection", "Scan",
+    "State", "Thresholds", "Trajectory", "VoxelMap",
 ]  # fmt: skip
 
 
@@ -42,8 +42,10 @@ def held() -> dict[str, Any]:
         "BeamSensor": oddsmap.BeamSensor(),
         "Beams": oddsmap.Beams.from_scans(SCANS)[0],
         "ConeSensor": CONE,
+        "Costmap": grid.log_odds().costmap(0.2),
         "DecayRate": grid.decay_rate(),
         "DepthScan": oddsmap.DepthScan.from_depth(np.eye(4), np.ones((4, 4)), CAMERA),
+        "DistanceField": grid.reflection().distance_field(1.0),
         "EvidenceMap": grid,
         "ForwardModel": CONE.forward_model(),
         "FullMap": full,

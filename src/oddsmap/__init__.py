@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from oddsmap.posterior.prior import PriorArray
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.projection.project import project
+    from oddsmap.query.costmap import Costmap, inflate
+    from oddsmap.query.distance_field import DistanceField
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
     from oddsmap.readers import open_log
@@ -72,8 +74,10 @@ __all__ = [
     "Beams",
     "ConeSensor",
     "ConfigError",
+    "Costmap",
     "DecayRate",
     "DepthScan",
+    "DistanceField",
     "EvidenceMap",
     "ExactPosterior",
     "ForwardModel",
@@ -117,6 +121,7 @@ __all__ = [
     "compare",
     "diagnose",
     "evaluate",
+    "inflate",
     "load_full_map",
     "load_map",
     "load_octomap",
@@ -132,8 +137,10 @@ _HOME = {
     "Beams": "forward.beams",
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
+    "Costmap": "query.costmap",
     "DecayRate": "posterior.decay_rate",
     "DepthScan": "scans.depth_image",
+    "DistanceField": "query.distance_field",
     "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",
     "ForwardModel": "forward.model",
@@ -176,6 +183,7 @@ _HOME = {
     "check_log": "plausibility.doubts",
     "diagnose": "doctor.diagnosis",
     "evaluate": "scoring.truth",
+    "inflate": "query.costmap",
     "load_full_map": "full_map.full_map",
     "load_map": "evidence_map",
     "load_octomap": "maps.voxel_map",

@@ -34,6 +34,7 @@ from oddsmap.errors import ConfigError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
 from oddsmap.evidence.octree_order import has_octree_order
+from oddsmap.evidence.tile_watch import TileWatch
 from oddsmap.kernels.units import ONE
 from oddsmap.map_files.fields import Leaves, OfLogOdds, PlanePart, PointPart
 from oddsmap.map_files.octomap_range import HALF, Shift
@@ -43,9 +44,10 @@ from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import MapLike, PriorMap
 from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
 from oddsmap.posterior.vote_table import VoteTable
+from oddsmap.query.obstacles import Watch
 from oddsmap.query.queries import PointStates
 
-__all__ = ["LogOdds"]
+__all__ = ["LogOdds", "LogOddsWatch"]
 
 # What a plane takes a cell: 9 bytes itself, the rest where a file is made of it.
 _PLANE_BYTES = 32
@@ -264,6 +266,18 @@ class LogOdds(Belief):
         for index, hits, passes in self.evidence.tiles.parts(last_axis=z):
             yield index, values(hits, passes, partial(np.asarray, index))
 
+    def _state_parts(
+        self, thresholds: Thresholds | None, within: Region | None = None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
+        limits = thresholds or self.thresholds
+        states = self._of_cells(lambda x: limits.state(sigmoid(x), np.ones(x.shape, np.bool_)))
+        for index, hits, passes in self.evidence.tiles.parts(within=within):
+            yield index, states(hits, passes, partial(np.asarray, index))
+
+    def _watch(self, within: Region | None) -> Watch | None:
+        # A prior map may change without a trace.
+        return LogOddsWatch(self, within) if self.prior_map is None else None
+
     def leaves(self, shift: Shift | None = None) -> Leaves:
         """The cells with evidence of a 3D map as leaves of an octree: see `Belief.leaves`."""
         tiles, box = self.evidence.tiles, self.evidence.census().bounds
@@ -309,3 +323,29 @@ class LogOdds(Belief):
 
 def _single_probability(log_odds: FloatArray) -> npt.NDArray[np.float32]:
     return sigmoid(log_odds).astype(np.float32)
+
+
+class LogOddsWatch:
+    """Where the states of a view may have changed since it was asked last.
+
+    Args:
+        view: the view, without a prior map.
+        within: the box of cells to watch; None: all.
+    """
+
+    def __init__(self, view: LogOdds, within: Region | None) -> None:
+        self._evidence, self._settings = view.evidence, _settings(view)
+        self._tiles = TileWatch(view.evidence.tiles, within)
+
+    def changed(self, view: object) -> Region | None:
+        """The box of cells outside which nothing has changed; None: it is another view."""
+        if not isinstance(view, LogOdds) or view.evidence is not self._evidence:
+            return None
+        if _settings(view) != self._settings:
+            return None
+        return self._tiles.changed(self._evidence.tiles)
+
+
+def _settings(view: LogOdds) -> tuple[object, ...]:
+    """What decides a state besides the evidence."""
+    return view.p_hit, view.p_miss, view.prior, view.thresholds, view.clamp, view.prior_map
