@@ -43,6 +43,7 @@ from oddsmap.odds import Thresholds, logit, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import MapLike, PriorMap
 from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
+from oddsmap.posterior.tile_marks import WHOLE_VOTES, Marks, marks_of_box
 from oddsmap.posterior.vote_table import VoteTable
 from oddsmap.query.obstacles import Watch
 from oddsmap.query.queries import PointStates
@@ -273,6 +274,17 @@ class LogOdds(Belief):
         states = self._of_cells(lambda x: limits.state(sigmoid(x), np.ones(x.shape, np.bool_)))
         for index, hits, passes in self.evidence.tiles.parts(within=within):
             yield index, states(hits, passes, partial(np.asarray, index))
+
+    def _state_marks(self, marks: Marks, thresholds: Thresholds | None, within: Region) -> Marks:
+        if self.prior_map is not None:
+            return super()._state_marks(marks, thresholds, within)
+        limits = thresholds or self.thresholds
+
+        def of_votes(hits: FloatArray, passes: FloatArray) -> Marks:
+            p = sigmoid(self.of_votes(hits, passes))
+            return marks[limits.state(p, (hits > 0.0) | (passes > 0.0)).view(np.uint8)]
+
+        return marks_of_box(self.evidence.tiles, within, of_votes(*WHOLE_VOTES), of_votes)
 
     def _watch(self, within: Region | None) -> Watch | None:
         # A prior map may change without a trace.

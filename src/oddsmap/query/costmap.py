@@ -34,7 +34,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.odds import State, Thresholds
 from oddsmap.query.boxes import Box
 from oddsmap.query.distance_field import box_given
-from oddsmap.query.obstacles import View, read_marks
+from oddsmap.query.obstacles import View
 from oddsmap.query.places import Placed, check_places, points_in
 from oddsmap.query.squared_distances import squared_to
 
@@ -298,4 +298,4 @@ def costs_of(view: View, box: Box, thresholds: Thresholds | None) -> Costs:
     """Costs before inflation: lethal where occupied, 0 where free, else unknown."""
     table = np.full(256, Costmap.NO_INFORMATION, np.uint8)
     table[State.FREE], table[State.OCCUPIED] = Costmap.FREE, Costmap.LETHAL
-    return read_marks(view, box, table, thresholds)
+    return view._state_marks(table, thresholds, (box.lo, box.hi))

@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from oddsmap.array_types import FloatArray, Region
 from oddsmap.odds import Thresholds
+from oddsmap.query.boxes import Box
 from oddsmap.query.costmap import Costmap, make_costmap
 from oddsmap.query.distance_field import DistanceField, box_given
-from oddsmap.query.obstacles import ObstacleNames, Obstacles, View, Watch
+from oddsmap.query.obstacles import ObstacleNames, Obstacles, View, Watch, read_marks
+from oddsmap.query.squared_distances import Mask
 
 __all__ = ["DistanceQueries"]
 
@@ -101,6 +105,14 @@ class DistanceQueries:
             inflate_unknown=inflate_unknown, inflate_around_unknown=inflate_around_unknown,
             thresholds=thresholds, threads=threads,
         )  # fmt: skip
+
+    def _state_marks(
+        self: View, marks: Mask, thresholds: Thresholds | None, within: Region
+    ) -> Mask:
+        """What a table has for the state of each cell of a box: see `read_marks`."""
+        lo, hi = within
+        box = Box(np.asarray(lo, np.int64), np.asarray(hi, np.int64))
+        return read_marks(self, box, marks, thresholds)
 
     def _map_from_cells(self) -> tuple[FloatArray, FloatArray] | None:
         """Where the map's cells count from, if not from the map frame: rotation, translation."""

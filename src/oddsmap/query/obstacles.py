@@ -47,6 +47,8 @@ class View(Protocol):
         self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]: ...
 
+    def _state_marks(self, marks: Mask, thresholds: Thresholds | None, within: Region) -> Mask: ...
+
     def _map_from_cells(self) -> tuple[FloatArray, FloatArray] | None: ...
 
     def _watch(self, within: Region | None) -> Watch | None: ...
@@ -80,20 +82,17 @@ class Obstacles:
 
     def read(self, view: View, box: Box) -> Mask:
         """1 for the obstacles of a box, 0 for other cells, in its shape."""
-        return read_marks(view, box, self._marks, self.thresholds)
+        return view._state_marks(self._marks, self.thresholds, (box.lo, box.hi))
 
 
 def read_marks(view: View, box: Box, marks: Mask, thresholds: Thresholds | None) -> Mask:
-    """What a table has for the state of each cell of a box.
+    """What a table has for the state of each cell of a box, in its shape.
 
     Args:
         view: the map.
         box: the cells.
         marks: by state, taken modulo 256, shape (256,).
         thresholds: what is free and what is occupied; None: the view's.
-
-    Returns:
-        In the shape of the box.
     """
     mask = np.full(box.shape, marks[State.UNKNOWN % 256], np.uint8)
     if mask.size:

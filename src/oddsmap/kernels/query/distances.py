@@ -83,8 +83,8 @@ def count_cells(mask: Mask, first: int, run: Whole, out: Whole) -> None:
 @inlined
 def _meets(above: int, twice: int) -> int:
     # floor(above / twice) of whole numbers, twice > 0.
-    if abs(above) < EXACT_QUOTIENT:
-        return np.int64(np.floor(np.float64(above) / np.float64(twice)))
+    if (above >= 0) & (above < EXACT_QUOTIENT):
+        return np.int64(np.float64(above) / np.float64(twice))
     return above // twice
 
 
@@ -103,23 +103,28 @@ def _line(f: Whole, first: int, reach: int, none: int, at: Whole, begin: Whole, 
     """
     past = first + out.shape[0]
     top = -1
+    s, t, g = np.int64(0), np.int64(0), np.int64(0)  # of the topmost parabola
     for u in range(f.shape[0]):
-        g = np.int64(f[u])
-        if g > reach:
+        h = np.int64(f[u])
+        if h > reach:
             continue
         while top >= 0:
-            s, t = np.int64(at[top]), np.int64(begin[top])
-            if (t - s) * (t - s) + f[s] <= (t - u) * (t - u) + g:
+            if (t - s) * (t - s) + g <= (t - u) * (t - u) + h:
                 break
             top -= 1
-        t = first
+            if top >= 0:
+                s, t = np.int64(at[top]), np.int64(begin[top])
+                g = np.int64(f[s])
         if top >= 0:
-            s = np.int64(at[top])
-            t = 1 + _meets((u - s) * (u + s) + g - f[s], 2 * (u - s))
+            t = 1 + _meets((u - s) * (u + s) + h - g, 2 * (u - s))
             if t >= past:
+                t = np.int64(begin[top])
                 continue
+        else:
+            t = np.int64(first)
+        s, g = np.int64(u), h
         top += 1
-        at[top], begin[top] = u, t
+        at[top], begin[top] = s, t
     if top < 0:
         for q in range(out.shape[0]):
             out[q] = none
