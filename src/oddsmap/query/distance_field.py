@@ -214,11 +214,12 @@ class DistanceField(Placed):
         if farthest >= FAR and (changed.any() or not box.equals(self._box)):
             self._compute(view, threads)
             return box.size
-        parts = boxes_to_renew(box, self._box.meet(box), where, changed, farthest)
+        halo = farthest if self._reach is not None else farthest + _FIRST_HALO // 2
+        parts = boxes_to_renew(box, self._box.meet(box), where, changed, farthest, halo)
         self._squared = _placed(self._squared, self._box, box, 0)
         self._box, self._known, self._read, self._mask = box, known, read, mask
         for part in parts:
-            self._squared[part.inside(box)] = self._renewed(part, farthest, threads)
+            self._squared[part.inside(box)] = self._renewed(part, halo, threads)
         if (
             self._reach is None
             and self._halo is not None
@@ -243,11 +244,12 @@ class DistanceField(Placed):
         part[...] = new
         return where, changed
 
-    def _renewed(self, part: Box, farthest: int, threads: int) -> Squared:
-        """The distances of a part, from what lies around it."""
-        halo = farthest if self._reach is not None else 2 * farthest + _FIRST_HALO
+    def _renewed(self, part: Box, halo: int, threads: int) -> Squared:
+        """The distances of a part, from what lies around it: at first so many cells."""
         while True:
             around = self._read.meet(part.wider(halo))
+            if part.equals(self._box):
+                around = self._read
             mask = self._mask[around.inside(self._read)]
             found = self._transform(mask, around, part, threads)
             if self._reach is not None or around.equals(self._read):

@@ -15,7 +15,7 @@ _SIDE = {2: 32, 3: 16}
 
 
 def boxes_to_renew(
-    box: Box, stays: Box, where: Box, changed: BoolArray, farthest: int
+    box: Box, stays: Box, where: Box, changed: BoolArray, farthest: int, halo: int
 ) -> list[Box]:
     """Boxes that hold each cell whose distance may be another one, once each.
 
@@ -25,6 +25,7 @@ def boxes_to_renew(
         where: cells that may have changed.
         changed: whether they have, in the shape of `where`.
         farthest: no distance that there is, and none that matters, is larger [cells].
+        halo: how far around a box is looked for obstacles [cells].
 
     Returns:
         Disjoint boxes: some, one around all of them, or all cells, by the least work.
@@ -48,8 +49,12 @@ def boxes_to_renew(
     hull = parts[0]
     for part in parts[1:]:
         hull = hull.hull(part)
-    choices = [parts, [hull], [box]]
-    return min(choices, key=lambda these: _work(these, farthest))
+    choices = [
+        ([box], box.size),
+        (parts, _work(parts, box, halo)),
+        ([hull], _work([hull], box, halo)),
+    ]
+    return min(choices, key=lambda choice: choice[1])[0]
 
 
 def _near(changed: IntArray, blocks: list[int], side: int, farthest: int) -> BoolArray:
@@ -93,6 +98,5 @@ def _of_blocks(part: Box, box: Box, side: int) -> Box:
     return Box(box.lo + part.lo * side, np.minimum(box.lo + part.hi * side, box.hi))
 
 
-def _work(parts: list[Box], farthest: int) -> int:
-    # What is read, and around it as far as obstacles may lie.
-    return sum(part.wider(farthest).size for part in parts)
+def _work(parts: list[Box], box: Box, halo: int) -> int:
+    return sum(part.wider(halo).meet(box).size for part in parts)
