@@ -241,6 +241,7 @@ def asking(grid: Callable[[], Any]) -> Workload:
         field = view.distance_field(1.0, signed=True, threads=2)
         field.update(view)
         field.at(points)
+        view.distance_band(0.5, threads=2).at(points)
         if view.ndim == 2:
             costs = view.costmap(0.3)
             oddsmap.inflate(costs.cost, CELL, inscribed_radius=0.3)

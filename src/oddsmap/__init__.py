@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.projection.project import project
     from oddsmap.query.costmap import Costmap, inflate
+    from oddsmap.query.distance_band import DistanceBand
     from oddsmap.query.distance_field import DistanceField
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
@@ -77,6 +78,7 @@ __all__ = [
     "Costmap",
     "DecayRate",
     "DepthScan",
+    "DistanceBand",
     "DistanceField",
     "EvidenceMap",
     "ExactPosterior",
@@ -140,6 +142,7 @@ _HOME = {
     "Costmap": "query.costmap",
     "DecayRate": "posterior.decay_rate",
     "DepthScan": "scans.depth_image",
+    "DistanceBand": "query.distance_band",
     "DistanceField": "query.distance_field",
     "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",

@@ -15,15 +15,15 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.kernels.query.distances import FAR
 from oddsmap.limits import in_metres
 from oddsmap.query.boxes import Box
-from oddsmap.query.obstacles import Obstacles, View
+from oddsmap.query.obstacles import Obstacles, View, Watch
 from oddsmap.query.places import Placed, check_places, points_in
 from oddsmap.query.renewal import boxes_to_renew
 from oddsmap.query.squared_distances import Mask, Squared, none_of, squared_to
 
 __all__ = ["DistanceField", "box_given"]
 
-# Mask and distances, twice while signs are worked out.
-_BYTES = 14
+# Mask and distances, twice while signs are worked out, in 8 bytes at worst.
+_BYTES = 20
 # Without a largest distance a small box of a wide map is first looked at with so many cells around
 # it, then with four times as many, until the obstacles found are nearer than what was left out.
 _FIRST_HALO = 64
@@ -76,6 +76,7 @@ class DistanceField(Placed):
         self.ndim, self.resolution = view.ndim, view.resolution
         self.signed, self.max_distance = signed, max_distance
         self._obstacles, self._given = obstacles, box
+        self._watch: Watch | None = None
         self._frame = view._map_from_cells()
         self._reach: int | None = None
         if max_distance is not None and max_distance < math.inf:
@@ -94,6 +95,7 @@ class DistanceField(Placed):
         return {**self.__dict__, "_watch": None}
 
     def _compute(self, view: View, threads: int) -> None:
+        self._whole, self._watch = False, None  # which takes memory that few need
         self._box, self._known = self._asked(view)
         check_room(self._box.lo, self._box.hi, _BYTES)
         self._dtype = self._dtype_for(self._box, self._known)
@@ -110,7 +112,7 @@ class DistanceField(Placed):
                 break
             halo *= 4
         self._halo = None if self._reach is None and whole else halo
-        self._watch, self._whole = view._watch(self._watched()), True
+        self._whole = True
 
     def _asked(self, view: View) -> tuple[Box, Box | None]:
         """The cells to answer for, and those outside which all are unknown, with a ring of such."""

@@ -9,6 +9,7 @@ from oddsmap.array_types import FloatArray, Region
 from oddsmap.odds import Thresholds
 from oddsmap.query.boxes import Box
 from oddsmap.query.costmap import Costmap, make_costmap
+from oddsmap.query.distance_band import DistanceBand
 from oddsmap.query.distance_field import DistanceField, box_given
 from oddsmap.query.obstacles import ObstacleNames, Obstacles, View, Watch, read_marks
 from oddsmap.query.squared_distances import Mask
@@ -62,6 +63,36 @@ class DistanceQueries:
         return DistanceField(
             self, box_given(self, box, region), max_distance=max_distance,
             obstacles=Obstacles(obstacles, thresholds), signed=signed, threads=threads,
+        )  # fmt: skip
+
+    def distance_band(
+        self: View,
+        max_distance: float,
+        *,
+        obstacles: ObstacleNames = "occupied",
+        signed: bool = False,
+        thresholds: Thresholds | None = None,
+        threads: int = 1,
+    ) -> DistanceBand:
+        """Distances of the cells near obstacles alone, exactly: for wide maps, most of all in 3D.
+
+        Memory goes with the obstacles and what lies around them, four bytes per cell, not with the
+        box around all of the map.
+
+        Args:
+            max_distance: how far from obstacles [m]; beyond, distances are infinite.
+            obstacles: as in `distance_field`, without "unknown": such cells are everywhere.
+            signed: as in `distance_field`.
+            thresholds: what is free and what is occupied; None: the view's.
+            threads: how many; the result is the same.
+
+        Raises:
+            ConfigError: an argument is outside its range.
+            MapTooLargeError: the band does not fit in memory.
+        """
+        return DistanceBand(
+            self, max_distance=max_distance, obstacles=Obstacles(obstacles, thresholds),
+            signed=signed, threads=threads,
         )  # fmt: skip
 
     def costmap(

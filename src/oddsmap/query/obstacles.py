@@ -84,6 +84,14 @@ class Obstacles:
         """1 for the obstacles of a box, 0 for other cells, in its shape."""
         return view._state_marks(self._marks, self.thresholds, (box.lo, box.hi))
 
+    def cells(self, view: View) -> IntArray:
+        """The known cells that are obstacles, shape (n, d), x first."""
+        parts = [np.empty((0, view.ndim), np.int64)]
+        for index, state in view._state_parts(self.thresholds):
+            marks = self._marks[np.ascontiguousarray(state, np.int8).view(np.uint8)]
+            parts.append(index[marks != 0])
+        return np.concatenate(parts)
+
 
 def read_marks(view: View, box: Box, marks: Mask, thresholds: Thresholds | None) -> Mask:
     """What a table has for the state of each cell of a box, in its shape.
