@@ -141,6 +141,26 @@ def fields(scans: list[Any], resolution: float, rounds: int) -> dict[str, float]
     return cells | {name: 1e3 * float(np.median(times)) for name, times in found.items()}
 
 
+def one_cell(side: int, rounds: int) -> dict[str, float]:
+    """Milliseconds that fields up to 2 m of a plane take, made and updated after one cell."""
+    mask = random_mask((side, side), 0.003)
+    grid = oddsmap.EvidenceMap(0.05)
+    cells = np.argwhere(mask < 2)[:, ::-1]
+    occupied = mask.ravel().astype(np.int64)
+    grid.add_cells(cells, (occupied * 4) << 16, ((1 - occupied) * 4) << 16)
+    view = grid.log_odds()
+    field = view.distance_field(2.0)
+    field.update(view)
+    times, cell = [], np.ones(1, np.int64)
+    for step in range(rounds):
+        grid.add_cells(np.array([[side // 3 + 9 * step, side // 2]]), cell * 4 << 16, cell * 0)
+        times.append(
+            (seconds(lambda: view.distance_field(2.0)), seconds(lambda: field.update(view)))
+        )
+    made, updated = 1e3 * np.median(times, axis=0)
+    return {"cells": float(side * side), "made": float(made), "update": float(updated)}
+
+
 def main() -> None:
     """Check, measure, and print."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -169,6 +189,8 @@ def main() -> None:
     for name, (scans, resolution) in maps.items():
         of_maps[name] = fields(scans, resolution, 2 if given.quick else 5)
         print(f"{name}: " + ", ".join(f"{what} {x:.4g}" for what, x in of_maps[name].items()))
+    of_maps["one cell"] = one_cell(side, rounds)
+    print("one cell: " + ", ".join(f"{what} {x:.4g}" for what, x in of_maps["one cell"].items()))
     if given.json:
         given.json.write_text(json.dumps({"transforms": found, "fields": of_maps}, indent=1))
 

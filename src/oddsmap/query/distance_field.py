@@ -218,16 +218,18 @@ class DistanceField(Placed):
             return box.size
         halo = farthest if self._reach is not None else farthest + _FIRST_HALO // 2
         parts = boxes_to_renew(box, self._box.meet(box), where, changed, farthest, halo)
-        self._squared = _placed(self._squared, self._box, box, 0)
+        whole = len(parts) == 1 and parts[0].equals(box)
+        if not whole:
+            self._squared = _placed(self._squared, self._box, box, 0)
         self._box, self._known, self._read, self._mask = box, known, read, mask
         for part in parts:
-            self._squared[part.inside(box)] = self._renewed(part, halo, threads)
-        if (
-            self._reach is None
-            and self._halo is not None
-            and parts
-            and self._farthest() > self._halo
-        ):
+            found = self._renewed(part, halo, threads)
+            if whole:
+                self._squared = found
+            else:
+                self._squared[part.inside(box)] = found
+        looked = FAR if self._reach is not None or self._halo is None else self._halo
+        if parts and looked < FAR and self._farthest() > looked:
             self._compute(view, threads)
             return box.size
         self._whole = True
