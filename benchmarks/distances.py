@@ -141,6 +141,25 @@ def fields(scans: list[Any], resolution: float, rounds: int) -> dict[str, float]
     return cells | {name: 1e3 * float(np.median(times)) for name, times in found.items()}
 
 
+def band(scans: list[Any], resolution: float) -> dict[str, float]:
+    """Megabytes and milliseconds of a band of 2 m, and of a field up to 2 m."""
+    view = oddsmap.build_map(scans, resolution).log_odds()
+    of: dict[str, Any] = {"band": view.distance_band(2.0), "field": view.distance_field(2.0)}
+    index, distance = of["band"].cells()
+    if not np.array_equal(
+        np.sort(of["field"].distance[np.isfinite(of["field"].distance)]),
+        np.sort(distance[~np.isnan(of["field"].at_cells(index))]),
+    ):
+        raise RuntimeError("a band is not what a field is")
+    took = {
+        "band": min(seconds(lambda: view.distance_band(2.0)) for _ in range(3)),
+        "field": min(seconds(lambda: view.distance_field(2.0)) for _ in range(3)),
+    }
+    return {f"{name} MB": each.nbytes / 1e6 for name, each in of.items()} | {
+        f"{name} ms": 1e3 * each for name, each in took.items()
+    }
+
+
 def one_cell(side: int, rounds: int) -> dict[str, float]:
     """Milliseconds that fields up to 2 m of a plane take, made and updated after one cell."""
     mask = random_mask((side, side), 0.003)
@@ -189,6 +208,8 @@ def main() -> None:
     for name, (scans, resolution) in maps.items():
         of_maps[name] = fields(scans, resolution, 2 if given.quick else 5)
         print(f"{name}: " + ", ".join(f"{what} {x:.4g}" for what, x in of_maps[name].items()))
+    of_maps["town, 2 m"] = band(drive3, 0.2)
+    print("town, 2 m: " + ", ".join(f"{what} {x:.4g}" for what, x in of_maps["town, 2 m"].items()))
     of_maps["one cell"] = one_cell(side, rounds)
     print("one cell: " + ", ".join(f"{what} {x:.4g}" for what, x in of_maps["one cell"].items()))
     if given.json:

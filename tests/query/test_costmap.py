@@ -118,6 +118,8 @@ def test_files_hold_what_nav2_publishes(tmp_path: Path) -> None:
     assert back.yaw == pytest.approx(0.5)
     cells = np.array([[0, 0], [10, 20]])
     assert np.allclose(back.centre_of(cells), askew.centre_of(cells + np.array([2, 3])))
+    assert np.allclose(turned.centre_of(cells), askew.centre_of(cells))
+    assert np.array_equal(turned.cell_of(turned.centre_of(cells)), cells)
     assert turned.at(back.centre_of(cells)).tolist() == turned.cost[(0, 20), (0, 10)].tolist()
 
 

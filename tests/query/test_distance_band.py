@@ -88,9 +88,10 @@ def test_a_turned_map() -> None:
     plane = grid(2, 5, 30, 20).log_odds().to_probability_map()
     askew = oddsmap.ProbabilityMap(plane.probability, plane.observed, 0.1, (3.0, 1.0), 0.5)
     band, field = askew.distance_band(0.7), askew.distance_field(0.7)
-    points = askew.centre_of(
-        np.random.default_rng(0).integers(0, plane.probability.shape[0], (50, 2))
-    )
+    cells = np.random.default_rng(0).integers(0, plane.probability.shape[0], (50, 2))
+    points = askew.centre_of(cells)
+    assert np.array_equal(band.cell_of(points), cells)
+    assert np.allclose(band.centre_of(cells), points)
     inside = ~np.isnan(field.at(points))
     assert np.array_equal(band.at(points)[inside], field.at(points)[inside])
 

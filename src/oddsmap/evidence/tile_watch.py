@@ -90,6 +90,6 @@ class TileWatch:
 
 
 def _words(narrow: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
-    """The bytes of each tile, eight at a time where they can be: a fifth of the time."""
+    """The bytes of each tile, eight at a time where they can be."""
     rows = narrow.reshape(len(narrow), -1)
     return rows.view(np.uint64) if rows.shape[1] % 8 == 0 else rows

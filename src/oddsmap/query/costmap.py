@@ -35,7 +35,7 @@ from oddsmap.odds import State, Thresholds
 from oddsmap.query.boxes import Box
 from oddsmap.query.distance_field import box_given
 from oddsmap.query.obstacles import View
-from oddsmap.query.places import Placed, check_places, points_in
+from oddsmap.query.places import Framed
 from oddsmap.query.squared_distances import squared_to
 
 __all__ = ["Costmap", "inflate", "make_costmap"]
@@ -49,7 +49,7 @@ _BYTES = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Costmap(Placed):
+class Costmap(Framed):
     """Costs of a box of 2D cells, as Nav2's planners read them.
 
     Attributes:
@@ -57,8 +57,8 @@ class Costmap(Placed):
             ascending.
         resolution: side of a cell [m].
         lo: the cell of `cost[0, 0]`, shape (2,), x first.
-        frame: where the map's cells count from, if not from the map frame: rotation, shape (2, 2),
-            and translation [m], shape (2,).
+        map_from_cells: where the map's cells count from, if not from the map frame: rotation, shape
+            (2, 2), and translation [m], shape (2,).
     """
 
     FREE: ClassVar[int] = 0
@@ -69,7 +69,7 @@ class Costmap(Placed):
     cost: Costs
     resolution: float
     lo: IntArray
-    frame: tuple[FloatArray, FloatArray] | None = None
+    map_from_cells: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def ndim(self) -> int:
@@ -79,14 +79,18 @@ class Costmap(Placed):
     @property
     def origin(self) -> tuple[float, float]:
         """The lower left corner of `cost[0, 0]` in the map frame [m]."""
-        turn, corner = self.frame or (np.eye(2), np.zeros(2))
+        turn, corner = self.map_from_cells or (np.eye(2), np.zeros(2))
         x, y = turn @ (self.lo * self.resolution) + corner
         return float(x), float(y)
 
     @property
     def yaw(self) -> float:
         """Rotation of the cells about that corner [rad], counter-clockwise."""
-        return 0.0 if self.frame is None else math.atan2(self.frame[0][1, 0], self.frame[0][0, 0])
+        return (
+            0.0
+            if self.map_from_cells is None
+            else math.atan2(self.map_from_cells[0][1, 0], self.map_from_cells[0][0, 0])
+        )
 
     @property
     def occupancy(self) -> npt.NDArray[np.int8]:
@@ -110,11 +114,7 @@ class Costmap(Placed):
             InputError: another shape, or coordinates that are not finite or farther than 2^46 cells
                 from the map's origin.
         """
-        if self.frame is None:
-            cells = self.cell_of(points)
-        else:
-            turn, corner = self.frame  # rows from the right: by the inverse
-            cells = check_places((points_in(points, 2) - corner) @ turn / self.resolution)
+        cells = self.cell_of(points)
         place, found = cells - self.lo, np.full(len(cells), self.NO_INFORMATION, np.uint8)
         inside = ((place >= 0) & (place < self.cost.shape[::-1])).all(axis=1)
         found[inside] = self.cost[tuple(place[inside].T[::-1])]

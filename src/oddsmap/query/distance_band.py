@@ -17,7 +17,7 @@ from oddsmap.kernels.query.distances import mark_cells
 from oddsmap.limits import memory_limit
 from oddsmap.query.boxes import Box
 from oddsmap.query.obstacles import Obstacles, View
-from oddsmap.query.places import Placed, check_places, points_in
+from oddsmap.query.places import Framed
 from oddsmap.query.squared_distances import Squared, none_of, squared_to
 
 __all__ = ["DistanceBand"]
@@ -33,7 +33,7 @@ _NONE = none_of(np.int32)
 _Row = tuple[int, ...]
 
 
-class DistanceBand(Placed):
+class DistanceBand(Framed):
     """Distances of the cells within `max_distance` of an obstacle; all others are farther.
 
     They are those of a `DistanceField` with the same `max_distance`, in blocks where there are any.
@@ -44,6 +44,7 @@ class DistanceBand(Placed):
         resolution: side of a cell [m].
         max_distance: the largest distance [m].
         signed: whether obstacles have distances below 0.
+        map_from_cells: where cells count from, if not from the map frame: rotation, translation.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class DistanceBand(Placed):
             )
         self.ndim, self.resolution = view.ndim, view.resolution
         self.max_distance, self.signed = float(max_distance), signed
-        self._frame = view._map_from_cells()
+        self.map_from_cells = view._map_from_cells()
         self._side = _SIDE[view.ndim]
         cells = max_distance / view.resolution
         self._reach = math.floor(cells * cells * (1.0 + 1e-12))
@@ -127,11 +128,7 @@ class DistanceBand(Placed):
             InputError: another shape, or coordinates that are not finite or farther than 2^46 cells
                 from the map's origin.
         """
-        if self._frame is None:
-            return self._at(self.cell_of(points))
-        turn, corner = self._frame  # rows from the right: by the inverse
-        place = (points_in(points, self.ndim) - corner) @ turn / self.resolution
-        return self._at(check_places(place))
+        return self._at(self.cell_of(points))
 
     def at_cells(self, cells: npt.ArrayLike) -> FloatArray:
         """As `at`, of cells: shape (n, d), x first, whole numbers."""

@@ -16,7 +16,7 @@ from oddsmap.kernels.query.distances import FAR
 from oddsmap.limits import in_metres
 from oddsmap.query.boxes import Box
 from oddsmap.query.obstacles import Obstacles, View, Watch
-from oddsmap.query.places import Placed, check_places, points_in
+from oddsmap.query.places import Framed
 from oddsmap.query.renewal import boxes_to_renew
 from oddsmap.query.squared_distances import Mask, Squared, none_of, squared_to
 
@@ -29,7 +29,7 @@ _BYTES = 20
 _FIRST_HALO = 64
 
 
-class DistanceField(Placed):
+class DistanceField(Framed):
     """Distances between the centres of cells and of their nearest obstacles.
 
     A cell that is an obstacle has distance 0; in a signed field it has the distance to the nearest
@@ -49,6 +49,7 @@ class DistanceField(Placed):
         resolution: side of a cell [m].
         max_distance: the largest distance that was asked for [m]; None: any.
         signed: whether obstacles have distances below 0.
+        map_from_cells: where cells count from, if not from the map frame: rotation, translation.
 
     Raises:
         InputError: the map has no cells and no box is given, or the box is too far from it.
@@ -77,7 +78,7 @@ class DistanceField(Placed):
         self.signed, self.max_distance = signed, max_distance
         self._obstacles, self._given = obstacles, box
         self._watch: Watch | None = None
-        self._frame = view._map_from_cells()
+        self.map_from_cells = view._map_from_cells()
         self._reach: int | None = None
         if max_distance is not None and max_distance < math.inf:
             cells = max_distance / view.resolution
@@ -194,7 +195,7 @@ class DistanceField(Placed):
         """
         frame = view._map_from_cells()
         if (view.ndim, view.resolution) != (self.ndim, self.resolution) or not _same(
-            frame, self._frame
+            frame, self.map_from_cells
         ):
             raise InputError(
                 f"the field is of a {self.ndim}D map with cells of {self.resolution} m, this one "
@@ -342,21 +343,6 @@ class DistanceField(Placed):
         limit = (radius / self.resolution) ** 2 * (1.0 + 1e-12)
         squared = self.squared
         return np.asarray((squared <= limit) & (squared != self.none))
-
-    def cell_of(self, points: npt.ArrayLike) -> IntArray:
-        """The cells that hold points: see `oddsmap.query.places.Placed`."""
-        if self._frame is None:
-            return super().cell_of(points)
-        turn, corner = self._frame  # rows from the right: by the inverse
-        return check_places((points_in(points, self.ndim) - corner) @ turn / self.resolution)
-
-    def centre_of(self, cells: npt.ArrayLike) -> FloatArray:
-        """The centres of cells: see `oddsmap.query.places.Placed`."""
-        centre = super().centre_of(cells)
-        if self._frame is None:
-            return centre
-        turn, corner = self._frame
-        return np.asarray(centre @ turn.T + corner, np.float64)
 
     def _at(self, cells: IntArray) -> FloatArray:
         found = np.full(len(cells), np.nan)

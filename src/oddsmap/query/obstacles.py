@@ -72,7 +72,6 @@ class Obstacles:
             raise ConfigError(
                 f"obstacles are cells of one or several states, {known}; got {names!r}"
             )
-        self.names = tuple(name for name in get_args(_Name) if name in given)
         self.thresholds = thresholds
         self.outside = int("unknown" in given)
         """Whether cells outside all known ones are obstacles."""
