@@ -163,6 +163,8 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     pose = np.eye(grid.ndim + 1)
     for votes in ("scan", "beam"):
         view.information_gain([pose], np.eye(grid.ndim), 5.0, votes=votes)
+    view.distance_field(signed=True)
+    view.distance_field(region=(hi + 50_000, hi + 50_001))  # squares in 8 bytes instead of 4
     if grid.lengths is not None:
         grid.cell_lengths()
         loaded.decay_rate().mean((lo, hi))

@@ -245,6 +245,13 @@ def asking(grid: Callable[[], Any]) -> Workload:
         stands = [np.eye(grid().ndim + 1)] * 20
         view.information_gain(stands, ways, 5.0, threads=2)
         view.information_gain(stands, ways, 5.0, votes="scan")
+        field = view.distance_field(1.0, signed=True, threads=2)
+        field.update(view)
+        field.at(points)
+        view.distance_band(0.5, threads=2).at(points)
+        if view.ndim == 2:
+            costs = view.costmap(0.3)
+            oddsmap.inflate(costs.cost, CELL, inscribed_radius=0.3)
 
     return lambda _: repeat
 

@@ -24,11 +24,10 @@ CAMERA = oddsmap.PinholeCamera(10.0, 10.0, 1.5, 1.5, width=4, height=4)
 
 
 NAMES = [
-    "BeamSensor", "Beams", "Calibrated", "ConeSensor", "DecayRate", "DepthScan", "EvidenceMap",
-    "ForwardModel", "FullMap", "FullMapConfig", "GridScan", "LogOdds", "OverheadSensor",
-    "PinholeCamera", "Pose2",
-    "Pose3", "ProbabilityMap", "Reflection", "Scan", "State", "Thresholds", "Trajectory",
-    "VoxelMap",
+    "BeamSensor", "Beams", "Calibrated", "ConeSensor", "Costmap", "DecayRate", "DepthScan",
+    "DistanceBand", "DistanceField", "EvidenceMap", "ForwardModel", "FullMap", "FullMapConfig",
+    "GridScan", "LogOdds", "OverheadSensor", "PinholeCamera", "Pose2", "Pose3",
+    "ProbabilityMap", "Reflection", "Scan", "State", "Thresholds", "Trajectory", "VoxelMap",
 ]  # fmt: skip
 
 
@@ -44,8 +43,11 @@ def held() -> dict[str, Any]:
         "Beams": oddsmap.Beams.from_scans(SCANS)[0],
         "Calibrated": grid.calibrated(),
         "ConeSensor": CONE,
+        "Costmap": grid.log_odds().costmap(0.2),
         "DecayRate": grid.decay_rate(),
         "DepthScan": oddsmap.DepthScan.from_depth(np.eye(4), np.ones((4, 4)), CAMERA),
+        "DistanceBand": grid.log_odds().distance_band(0.5),
+        "DistanceField": grid.reflection().distance_field(1.0),
         "EvidenceMap": grid,
         "ForwardModel": CONE.forward_model(),
         "FullMap": full,

@@ -58,6 +58,9 @@ if TYPE_CHECKING:
     from oddsmap.projection.project import project
     from oddsmap.projection.traversable import Traversability, traversable
     from oddsmap.query.beam_likelihood import BeamLikelihood
+    from oddsmap.query.costmap import Costmap, inflate
+    from oddsmap.query.distance_band import DistanceBand
+    from oddsmap.query.distance_field import DistanceField
     from oddsmap.query.frontiers import Frontier
     from oddsmap.query.likelihood_field import LikelihoodField
     from oddsmap.query.predicted_ranges import RangeDistribution
@@ -84,8 +87,11 @@ __all__ = [
     "Cleaner",
     "ConeSensor",
     "ConfigError",
+    "Costmap",
     "DecayRate",
     "DepthScan",
+    "DistanceBand",
+    "DistanceField",
     "EvidenceMap",
     "ExactPosterior",
     "Explanation",
@@ -137,6 +143,7 @@ __all__ = [
     "compare",
     "diagnose",
     "evaluate",
+    "inflate",
     "load_full_map",
     "load_map",
     "load_octomap",
@@ -157,8 +164,11 @@ _HOME = {
     "Cleaner": "cleaning.cleaner",
     "ConeSensor": "sensors.cone",
     "ConfigError": "errors",
+    "Costmap": "query.costmap",
     "DecayRate": "posterior.decay_rate",
     "DepthScan": "scans.depth_image",
+    "DistanceBand": "query.distance_band",
+    "DistanceField": "query.distance_field",
     "EvidenceMap": "evidence_map",
     "ExactPosterior": "full_map.exact",
     "Explanation": "witnesses.why",
@@ -209,6 +219,7 @@ _HOME = {
     "check_log": "plausibility.doubts",
     "diagnose": "doctor.diagnosis",
     "evaluate": "scoring.truth",
+    "inflate": "query.costmap",
     "load_full_map": "full_map.full_map",
     "load_map": "evidence_map",
     "load_octomap": "maps.voxel_map",

@@ -18,7 +18,7 @@ from tests.cli.conftest import Run
 
 COMMANDS = (
     "build", "export", "info", "doctor", "config", "calibrate", "score", "why", "merge",
-    "subtract", "crop", "compare", "resample", "clean", "landmarks", "demo",
+    "subtract", "crop", "compare", "resample", "clean", "landmarks", "demo", "costmap",
 )  # fmt: skip
 CALLBACKS = {c.callback.__name__: c.callback for c in app.registered_commands if c.callback}
 OF_SETTINGS = ("build", "calibrate", "score")
@@ -80,7 +80,7 @@ def test_each_option_says_what_it_takes_and_what_it_is_without(run: Run, command
             assert stated or (parameter.show_default and parameter.default is not None), parameter
         if "float" in str(hints.get(parameter.name)):
             units = {"METRES", "SECONDS", "DEGREES", "PROBABILITY", "SHARE", "UNITS", "VOTES",
-                     "SCANS"}  # fmt: skip
+                     "SCANS", "PER_METRE"}  # fmt: skip
             assert set(parameter.metavar.split()) <= units, parameter.name
 
 

@@ -19,6 +19,8 @@ from oddsmap.cli.compare import HELP as COMPARE_HELP
 from oddsmap.cli.compare import compare
 from oddsmap.cli.config import HELP as CONFIG_HELP
 from oddsmap.cli.config import config
+from oddsmap.cli.costmap import HELP as COSTMAP_HELP
+from oddsmap.cli.costmap import costmap
 from oddsmap.cli.crop import HELP as CROP_HELP
 from oddsmap.cli.crop import crop
 from oddsmap.cli.demo import HELP as DEMO_HELP
@@ -55,6 +57,8 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
                                         log to map
   oddsmap export intel.zarr intel.yaml  map to ROS; also .png and .npz
+  oddsmap costmap intel.zarr costs.yaml --inscribed-radius 0.22
+                                        costs for Nav2's planners
   oddsmap score sonar.zarr sonar.npz --held-out
                                         how well it predicts readings
   oddsmap why intel.zarr intel.log.gz 3.04 -1.2
@@ -81,6 +85,7 @@ app = typer.Typer(
 for command, page in (
     (build, BUILD_HELP),
     (export, EXPORT_HELP),
+    (costmap, COSTMAP_HELP),
     (info, INFO_HELP),
     (doctor, DOCTOR_HELP),
     (config, CONFIG_HELP),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from oddsmap.array_types import IntArray
+from oddsmap.array_types import IntArray, Region
 from oddsmap.errors import ConfigError, MapTooLargeError
 from oddsmap.kernels.units import FRACTION_BITS, MAX_UNITS
 from oddsmap.kernels.vote.tile_census import (
@@ -255,7 +255,11 @@ class TileStore:
         return np.empty((0, self.ndim), np.int64), nothing, nothing
 
     def parts(
-        self, most: int = PART, *, last_axis: tuple[int, int] | None = None
+        self,
+        most: int = PART,
+        *,
+        last_axis: tuple[int, int] | None = None,
+        within: Region | None = None,
     ) -> Iterator[tuple[IntArray, IntArray, IntArray]]:
         """As `cells`, some cells at a time.
 
@@ -263,12 +267,17 @@ class TileStore:
             most: how many, and no more than a row of cells beyond that.
             last_axis: only tiles with cells from the first of these indices on and before the
                 second, along the last axis.
+            within: only tiles with cells of this box, (lo, hi), hi past the last.
         """
         coords = self.coords
         order = np.lexsort(coords.T)
         if last_axis is not None:
             first, past = last_axis[0] // self.side, -(-last_axis[1] // self.side)
             order = order[(coords[order, -1] >= first) & (coords[order, -1] < past)]
+        if within is not None:
+            lo, hi = (np.asarray(end, np.int64) for end in within)
+            near = (coords >= lo // self.side) & (coords < -(-hi // self.side))
+            order = order[np.all(near, axis=1)[order]]
         if len(order) == 0:
             return
         # Where another row of tiles begins.

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import box_cells, cell_indices
 from oddsmap.errors import InputError
 from oddsmap.odds import Thresholds
@@ -98,6 +98,11 @@ class ProbabilityMap(Queries):
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
         return np.array([[cos, -sin], [sin, cos]]), np.asarray(self.origin, np.float64)
 
+    def bounds(self) -> tuple[IntArray, IntArray] | None:
+        """The rectangle's cells: first index, (0, 0), and past the last, shape (2,), x first."""
+        ny, nx = self.probability.shape
+        return (np.zeros(2, np.int64), np.array([nx, ny])) if nx and ny else None
+
     def _inside(self, cells: IntArray) -> tuple[npt.NDArray[np.bool_], tuple[IntArray, ...]]:
         """Which cells the rectangle has, and where these are in its arrays."""
         shape = np.array(self.probability.shape[::-1])
@@ -117,7 +122,7 @@ class ProbabilityMap(Queries):
         return PointStates(cells, p, (thresholds or Thresholds()).state(p, observed))
 
     def _state_parts(
-        self, thresholds: Thresholds | None
+        self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
         y, x = np.nonzero(self.observed)
         yield np.stack([x, y], axis=1), self.state(thresholds=thresholds)[y, x]

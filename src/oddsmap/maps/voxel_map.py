@@ -248,9 +248,9 @@ class VoxelMap(Queries):
         return PointStates(cells, self._probability_at(cells), state)
 
     def _state_parts(
-        self, thresholds: Thresholds | None
+        self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
-        index, p = self.cells()
+        index, p = self.cells(within)
         yield index, (thresholds or Thresholds()).state(p, np.ones(len(p), np.bool_))
 
     def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:

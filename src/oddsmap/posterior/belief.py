@@ -351,7 +351,7 @@ class Belief(Queries, ABC):
         return PointStates(cells, p, state)
 
     def _state_parts(
-        self, thresholds: Thresholds | None
+        self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
         limits = thresholds or self.thresholds
         return self.parts(lambda x: limits.state(sigmoid(x), np.ones(x.shape, np.bool_)))

@@ -105,6 +105,9 @@ class Calibrated(CountView):
         """The log Bayes factor of weights of hits and passes [votes]; 0 for none."""
         return self.classes.log_bayes_factor(hits, passes)
 
+    def _settings(self) -> tuple[object, ...]:
+        return (*super()._settings(), self.classes)
+
     def _extra_columns(self) -> dict[str, Column]:
         """Mean reflectivity with its 95 % interval."""
         from oddsmap.map_files.npz import Column

@@ -24,6 +24,7 @@ from oddsmap.errors import ConfigError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
 from oddsmap.evidence.octree_order import has_octree_order
+from oddsmap.evidence.tile_watch import TileWatch
 from oddsmap.kernels.units import ONE
 from oddsmap.map_files.fields import Leaves, OfLogOdds, PlanePart, PointPart
 from oddsmap.map_files.octomap_range import HALF, Shift
@@ -32,13 +33,15 @@ from oddsmap.odds import Thresholds, logit, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import PriorMap, PriorSource
 from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
+from oddsmap.posterior.tile_marks import WHOLE_VOTES, Marks, marks_of_box
 from oddsmap.posterior.vote_table import VoteTable
+from oddsmap.query.obstacles import Watch
 from oddsmap.query.queries import PointStates
 
 if TYPE_CHECKING:
     from oddsmap.map_files.npz import Column
 
-__all__ = ["CountView"]
+__all__ = ["CountView", "CountWatch"]
 
 # What a plane takes a cell: 9 bytes itself, the rest where a file is made of it.
 _PLANE_BYTES = 32
@@ -240,6 +243,33 @@ class CountView(Belief):
         for index, hits, passes in self.evidence.tiles.parts(last_axis=z):
             yield index, values(hits, passes, partial(np.asarray, index))
 
+    def _state_parts(
+        self, thresholds: Thresholds | None, within: Region | None = None
+    ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
+        limits = thresholds or self.thresholds
+        states = self._of_cells(lambda x: limits.state(sigmoid(x), np.ones(x.shape, np.bool_)))
+        for index, hits, passes in self.evidence.tiles.parts(within=within):
+            yield index, states(hits, passes, partial(np.asarray, index))
+
+    def _state_marks(self, marks: Marks, thresholds: Thresholds | None, within: Region) -> Marks:
+        if self.prior_map is not None:
+            return super()._state_marks(marks, thresholds, within)
+        limits = thresholds or self.thresholds
+
+        def of_votes(hits: FloatArray, passes: FloatArray) -> Marks:
+            p = sigmoid(self.of_votes(hits, passes))
+            return marks[limits.state(p, (hits > 0.0) | (passes > 0.0)).view(np.uint8)]
+
+        return marks_of_box(self.evidence.tiles, within, of_votes(*WHOLE_VOTES), of_votes)
+
+    def _watch(self, within: Region | None) -> Watch | None:
+        # A prior map may change without a trace.
+        return CountWatch(self, within) if self.prior_map is None else None
+
+    def _settings(self) -> tuple[object, ...]:
+        """What decides a state besides the evidence."""
+        return type(self), self.prior, self.thresholds, self.clamp, self.prior_map
+
     def leaves(self, shift: Shift | None = None) -> Leaves:
         """The cells with evidence of a 3D map as leaves of an octree: see `Belief.leaves`."""
         tiles, box = self.evidence.tiles, self.evidence.census().bounds
@@ -285,3 +315,24 @@ class CountView(Belief):
 
 def _single_probability(log_odds: FloatArray) -> npt.NDArray[np.float32]:
     return sigmoid(log_odds).astype(np.float32)
+
+
+class CountWatch:
+    """Where the states of a view may have changed since it was asked last.
+
+    Args:
+        view: the view, without a prior map.
+        within: the box of cells to watch; None: all.
+    """
+
+    def __init__(self, view: CountView, within: Region | None) -> None:
+        self._evidence, self._settings = view.evidence, view._settings()
+        self._tiles = TileWatch(view.evidence.tiles, within)
+
+    def changed(self, view: object) -> Region | None:
+        """The box of cells outside which nothing has changed; None: it is another view."""
+        if not isinstance(view, CountView) or view.evidence is not self._evidence:
+            return None
+        if view._settings() != self._settings:
+            return None
+        return self._tiles.changed(self._evidence.tiles)

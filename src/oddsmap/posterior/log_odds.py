@@ -90,3 +90,6 @@ class LogOdds(CountView):
         gain = float(logit(self.p_hit)) * np.asarray(hits, np.float64)
         loss = float(logit(self.p_miss)) * np.asarray(passes, np.float64)
         return gain + loss
+
+    def _settings(self) -> tuple[object, ...]:
+        return (*super()._settings(), self.p_hit, self.p_miss)

@@ -204,7 +204,7 @@ class BetaView(Queries, ABC):
         return PointStates(cells, beta_mean(alpha, beta), state, hits, passes, (lower, upper))
 
     def _state_parts(
-        self, thresholds: Thresholds | None
+        self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
         _no_thresholds(thresholds)
         index, alpha, beta = self.cells()

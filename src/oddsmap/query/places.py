@@ -19,7 +19,7 @@ from oddsmap.cell_index import box_cells, cell_indices
 from oddsmap.errors import InputError
 from oddsmap.limits import MAX_COORDINATE
 
-__all__ = ["CellGrid", "Placed", "check_places", "points_in"]
+__all__ = ["CellGrid", "Framed", "Placed", "check_places", "points_in"]
 
 
 class CellGrid(Protocol):
@@ -90,6 +90,37 @@ class Placed:
             InputError: they are not d finite numbers each, or hi is not above lo.
         """
         return box_cells(lo, hi, self.resolution, self.ndim)
+
+
+class _Framed(CellGrid, Protocol):
+    @property
+    def map_from_cells(self) -> tuple[FloatArray, FloatArray] | None: ...
+
+
+class Framed(Placed):
+    """Cells that may count from another corner than the map frame's, along other axes.
+
+    `map_from_cells` says from where: rotation, shape (d, d), and translation [m], shape (d,); None:
+    from the map frame.
+    """
+
+    __slots__ = ()
+
+    def cell_of(self: _Framed, points: npt.ArrayLike) -> IntArray:
+        """The cells that hold points: see `Placed.cell_of`."""
+        place = points_in(points, self.ndim)
+        if self.map_from_cells is not None:
+            turn, corner = self.map_from_cells
+            place = (place - corner) @ turn  # rows from the right: by the inverse
+        return check_places(place / self.resolution)
+
+    def centre_of(self: _Framed, cells: npt.ArrayLike) -> FloatArray:
+        """The centres of cells: see `Placed.centre_of`."""
+        centre = (cell_indices(cells, self.ndim).astype(np.float64) + 0.5) * self.resolution
+        if self.map_from_cells is not None:
+            turn, corner = self.map_from_cells
+            centre = centre @ turn.T + corner
+        return centre
 
 
 def points_in(points: npt.ArrayLike, ndim: int, what: str = "points") -> FloatArray:

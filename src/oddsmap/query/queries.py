@@ -10,8 +10,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.odds import Thresholds
+from oddsmap.query.distance_queries import DistanceQueries
 from oddsmap.query.exploring import ExploreQueries
 from oddsmap.query.localising import Localising
 from oddsmap.query.places import CellGrid, Placed
@@ -55,7 +56,7 @@ class _View(CellGrid, Protocol):
     def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates: ...
 
     def _state_parts(
-        self, thresholds: Thresholds | None
+        self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]: ...
 
     def _map_from_cells(self) -> Frame | None: ...
@@ -63,7 +64,7 @@ class _View(CellGrid, Protocol):
     def ray_caster(self, *, thresholds: Thresholds | None = None) -> RayCaster: ...
 
 
-class Queries(ExploreQueries, Localising, Predicting, Placed):
+class Queries(DistanceQueries, ExploreQueries, Localising, Predicting, Placed):
     """Questions in metres. Points: finite, within 2^46 cells of the map's origin, or refused."""
 
     __slots__ = ()
