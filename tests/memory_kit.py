@@ -156,6 +156,7 @@ def merging(_: Path) -> Repeat:
         grid.crop((20, 20), (150, 100)).bounds()
         (grid - plane()).bounds()
         room().resample(2 * room().resolution).bounds()
+        room().rotated(up="-y").bounds()
 
     return repeat
 

@@ -18,9 +18,12 @@ from tests.cli.conftest import Run
 
 COMMANDS = (
     "build", "export", "info", "doctor", "config", "calibrate", "score", "why", "merge",
-    "subtract", "crop", "compare", "resample", "clean", "landmarks", "demo", "costmap",
+    "subtract", "crop", "rotate-frame", "compare", "resample", "clean", "landmarks", "demo",
+    "costmap",
 )  # fmt: skip
-CALLBACKS = {c.callback.__name__: c.callback for c in app.registered_commands if c.callback}
+CALLBACKS = {
+    c.callback.__name__.replace("_", "-"): c.callback for c in app.registered_commands if c.callback
+}
 OF_SETTINGS = ("build", "calibrate", "score")
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -83,7 +83,7 @@ def test_geotiff(run: Run, maps: Path, tmp_path: Path) -> None:
         assert np.array_equal(p[view.observed()], view.probability()[view.observed()].astype("f4"))
     words = ("--crs", "EPSG:32632", "--z-min", 0, "--ground", "none")
     done = run("export", maps / "space.zarr", tmp_path / "s.tiff", *words)
-    assert "note" not in done.out
+    assert "where on the Earth" not in done.out
     with rasterio.open(tmp_path / "s.tiff") as file:
         assert (file.count, file.crs.to_epsg()) == (1, 32632)
 

@@ -101,7 +101,13 @@ def test_plane(run: Run, tilted_floor: Path, tmp_path: Path, source: str) -> Non
     assert run("export", tilted_floor, tmp_path / "space.bt").status == 0
     out = tmp_path / "plane.yaml"
     band = ("--z-min", 0.3, "--z-max", 1.5, "--ground", "relative")
-    assert run("export", tmp_path / source, out, *band).status == 0
+    done = run("export", tmp_path / source, out, *band)
+    assert "no beam crossed 0.3 m or more of it" in done.out
+    state = oddsmap.load_ros(out).state()
+    assert np.argwhere(state == oddsmap.State.OCCUPIED).tolist() == [[5, 30]]
+    # One layer was seen free: all of the band is, if it is one slab.
+    assert not (state == oddsmap.State.FREE).any()
+    assert run("export", tmp_path / source, out, *band, "--slab", "inf", "--force").status == 0
     state = oddsmap.load_ros(out).state()
     assert np.argwhere(state == oddsmap.State.OCCUPIED).tolist() == [[5, 30]]
     assert np.count_nonzero(state == oddsmap.State.FREE) == 40 * 40 - 1

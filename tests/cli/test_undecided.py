@@ -116,7 +116,13 @@ def test_points(run: Run, save: Save, tmp_path: Path) -> None:
 def test_a_projected_map(run: Run, save: Save, tmp_path: Path) -> None:
     source = save((0, 1), ndim=3, repeat=5)
     done = run("export", source, tmp_path / "m.yaml", "--z-min", 0, "--z-max", 1)
+    (note,) = notes(done.out)
+    assert note.startswith("note     100% of the 5 columns seen in the band are undecided")
+    done = run(
+        "export", source, tmp_path / "l.yaml", "--z-min", 0, "--z-max", 1, "--rule", "largest"
+    )
     assert "100% of the 5 seen cells are written as unknown" in notes(done.out)[0]
-    done = run("export", source, tmp_path / "n.yaml", "--z-min", 0, "--z-max", 1, "--p-miss", 0.19)
+    words = ("--z-min", 0, "--z-max", 1, "--p-miss", 0.19, "--slab", "inf")
+    done = run("export", source, tmp_path / "n.yaml", *words)
     assert notes(done.out) == []
     assert free_pixels(tmp_path / "n.yaml") == 5

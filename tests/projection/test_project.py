@@ -31,7 +31,7 @@ def space(hits: npt.ArrayLike, passes: npt.ArrayLike = ()) -> EvidenceMap:
 def test_a_column_is_its_most_occupied_seen_cell() -> None:
     passes = [[x, 0, z] for x in (0, 1) for z in range(20)]
     grid = space([[1, 0, 20], [3, 0, 5]], passes)
-    plane = project(grid, 0.0, 2.1)
+    plane = project(grid, 0.0, 2.1, rule="largest")
     # Twenty free cells are as free as one; unseen cells grey nothing; column 2 was never seen.
     one = float(grid.log_odds().of_votes(0, 6))
     assert plane.probability[0, 0] == pytest.approx(1 / (1 + math.exp(-one)), rel=1e-12)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import tracemalloc
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from oddsmap.array_types import FloatArray
 from oddsmap.evidence import tiles
 from oddsmap.kernels.units import ONE
 from oddsmap.projection.ground_plane import GroundPlane
-from oddsmap.projection.project import Ground
+from oddsmap.projection.project import Ground, Rule
 from tests.naive import projection as naive
 
 BANDS = [
@@ -28,7 +29,7 @@ BANDS = [
 
 
 def hill(x: FloatArray, y: FloatArray) -> FloatArray:
-    return np.asarray(0.3 * np.sin(x) + 0.1 * y)
+    return np.asarray(0.3 * np.sin(x) + 0.1 * np.sin(y))
 
 
 def slope(seed: int, shift: tuple[int, int, int] = (0, 0, 0)) -> oddsmap.EvidenceMap:
@@ -53,19 +54,26 @@ def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("small_parts")
 @pytest.mark.parametrize("band", BANDS)
-@pytest.mark.parametrize("ground", [None, "relative", hill, GroundPlane(-0.2, 0.1)])
-def test_against_all_cells_at_once(band: tuple[float, float], ground: Ground) -> None:
-    for seed, shift in ((1, (0, 0, 0)), (2, (5_000_000, 50_000_000, -70_000))):
+@pytest.mark.parametrize("ground", [None, "relative", hill, "plane"])
+@pytest.mark.parametrize("slab", [None, 0.4])
+def test_against_all_cells_at_once(
+    band: tuple[float, float], ground: Ground | str, slab: float | None
+) -> None:
+    rule: Rule = "largest" if slab is None else "slabs"
+    for seed, shift in ((1, (0, 0, 0)), (2, (5_000_000, 50_000_000, -70))):
         view = slope(seed, shift).log_odds(prior=0.3)
-        surface = ground.at if isinstance(ground, GroundPlane) else ground
-        expected = naive.project(*view.cells(), 0.1, band, surface, 0.3)  # type: ignore[arg-type]
-        for source in (view, view.to_voxels()):
-            found = oddsmap.project(source, *band, ground=ground)
+        plane = GroundPlane(-0.2 + 0.1 * (shift[2] - 0.1 * shift[0]), 0.1)
+        surface: Any = plane.at if ground == "plane" else ground
+        voxels = view.to_voxels()
+        for source, cells in ((view, view.known_log_odds()), (voxels, voxels.known_log_odds())):
+            prior = 0.3 if source is view else 0.5
+            expected = naive.project(*cells, 0.1, band, surface, prior, slab)
+            found = oddsmap.project(source, *band, ground=surface, rule=rule, slab=slab)
             assert found.observed.tolist() == expected.observed.tolist()
             seen = expected.observed
-            assert found.probability[seen].tolist() == expected.probability[seen].tolist()
-            unseen = set(found.probability[~seen].tolist())
-            assert unseen <= {0.3 if source is view else 0.5}
+            # Sums are the same, in the same order: their sigmoid may differ by its last bit.
+            assert found.probability[seen] == pytest.approx(expected.probability[seen], rel=1e-12)
+            assert set(found.probability[~seen].tolist()) <= {prior}
             assert (found.origin, found.resolution) == (expected.origin, expected.resolution)
 
 

@@ -38,6 +38,8 @@ from oddsmap.cli.merge import HELP as MERGE_HELP
 from oddsmap.cli.merge import merge
 from oddsmap.cli.resample import HELP as RESAMPLE_HELP
 from oddsmap.cli.resample import resample
+from oddsmap.cli.rotate_frame import HELP as ROTATE_FRAME_HELP
+from oddsmap.cli.rotate_frame import rotate_frame
 from oddsmap.cli.score import HELP as SCORE_HELP
 from oddsmap.cli.score import score
 from oddsmap.cli.subtract import HELP as SUBTRACT_HELP
@@ -67,7 +69,8 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
                                         rates and noise of a sensor
   oddsmap merge a.zarr b.zarr -o both.zarr
                                         maps added; also subtract,
-                                        crop, resample, compare
+                                        crop, resample, compare,
+                                        rotate-frame
   oddsmap clean town/ --resolution 0.2 -o static.ply
                                         points without what moved
   oddsmap landmarks seen.csv -o trees.csv
@@ -95,6 +98,7 @@ for command, page in (
     (merge, MERGE_HELP),
     (subtract, SUBTRACT_HELP),
     (crop, CROP_HELP),
+    (rotate_frame, ROTATE_FRAME_HELP),
     (compare, COMPARE_HELP),
     (resample, RESAMPLE_HELP),
     (clean, CLEAN_HELP),

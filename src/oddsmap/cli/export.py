@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import typer
 
 from oddsmap.cli.build_plan import EXPORTED
+from oddsmap.cli.export_formats import HEIGHTS
 from oddsmap.cli.export_log_odds import write_calibrated, write_full_map, write_log_odds
 from oddsmap.cli.export_rates import write_decay, write_reflection
 from oddsmap.cli.options import Quiet, Verbose, flag, force_option
@@ -170,6 +171,21 @@ def export(
             help="Heights above z = 0 (none, the default), or above the ground found in the map."
         ),
     ] = None,
+    rule: Annotated[
+        Literal["slabs", "largest"] | None,
+        typer.Option(
+            help="Space to plane: a column is free after enough passes in each slab of the band "
+            "(slabs, the default), or in each seen cell (largest)."
+        ),
+    ] = None,
+    slab: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Space to plane: height of a slab, by default 0.3; what is lower may be missed "
+            "between beams.",
+        ),
+    ] = None,
     clamp: Annotated[
         tuple[float, float] | None,
         typer.Option(
@@ -247,7 +263,8 @@ def export(
             "format": format_, "mode": mode, "shift": shift, "crs": crs, "frame": frame,
             "stamp": stamp, "prior": prior, "p_hit": p_hit, "p_miss": p_miss, "free": free,
             "occupied": occupied, "z_min": z_min,
-            "z_max": z_max, "ground": ground, "clamp": clamp, "show": show, "level": level,
+            "z_max": z_max, "ground": ground, "rule": rule, "slab": slab, "clamp": clamp,
+            "show": show, "level": level,
             "interval": interval, "threshold": threshold, "beta_a": beta_a, "beta_b": beta_b,
         }.items()
         if value is not None
@@ -275,15 +292,15 @@ _OF_CELLS = ("prior", "p_hit", "p_miss", "free", "occupied")
 _VIEWS = {
     "log-odds": _View(
         write_log_odds,
-        frozenset({*_OF_FILES, *_OF_CELLS, "z_min", "z_max", "ground"}),
+        frozenset({*_OF_FILES, *_OF_CELLS, *HEIGHTS}),
     ),
     "calibrated": _View(
         write_calibrated,
-        frozenset({*_OF_FILES, "prior", "free", "occupied", "z_min", "z_max", "ground"}),
+        frozenset({*_OF_FILES, "prior", "free", "occupied", *HEIGHTS}),
     ),
     "full-map": _View(
         write_full_map,
-        frozenset({*_OF_FILES, "free", "occupied", "z_min", "z_max", "ground"}),
+        frozenset({*_OF_FILES, "free", "occupied", *HEIGHTS}),
     ),
     "reflection": _View(
         write_reflection,

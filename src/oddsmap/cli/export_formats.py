@@ -14,7 +14,7 @@ __all__ = ["BAGS", "HEIGHTS", "check_format_options", "kind_of"]
 BAGS = (".mcap", ".bag", "ros2-bag")
 """Messages of ROS: a file of ROS 2, a file of ROS 1, a folder of ROS 2."""
 
-HEIGHTS = ("z_min", "z_max", "ground")
+HEIGHTS = ("z_min", "z_max", "ground", "rule", "slab")
 """The options that make a plane of space."""
 
 _SAME = {".yml": ".yaml", ".tiff": ".tif"}

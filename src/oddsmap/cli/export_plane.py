@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.cli.export_formats import HEIGHTS
 from oddsmap.cli.written import Written
 
 if TYPE_CHECKING:
@@ -24,21 +26,25 @@ def write_picture(view: Source, output: Path, options: Options, force: bool) -> 
     """Write a picture: `.png`."""
     from oddsmap.plot.picture import save_png
 
-    save_png(grid_of(view, options)[0], output, force=force)
-    return Written([output])
+    grid = grid_of(view, options)[0]
+    save_png(grid, output, force=force)
+    return Written([output], grid.notes)
 
 
 def write_ros(view: Source, output: Path, options: Options, force: bool) -> Written:
     """Write a ROS map: `.yaml` and its image."""
-    from oddsmap.cli.undecided import undecided_in_plane
+    from oddsmap.cli.undecided import knows_undecided, undecided_in_plane
     from oddsmap.map_files.plane import ArrayPlane
     from oddsmap.map_files.ros_writer import save_ros
 
     grid, thresholds = grid_of(view, options)
     mode = options.get("mode", "trinary")
     written = save_ros(grid, output, mode=mode, thresholds=thresholds, force=force)
-    note = undecided_in_plane(ArrayPlane(grid), thresholds, view) if mode == "trinary" else None
-    return Written(list(written), () if note is None else (note,))
+    notes: tuple[str, ...] = grid.notes
+    if mode == "trinary" and not knows_undecided(notes):
+        note = undecided_in_plane(ArrayPlane(grid), thresholds, view)
+        notes += () if note is None else (note,)
+    return Written(list(written), notes)
 
 
 def write_geotiff(view: Source, output: Path, options: Options, force: bool) -> Written:
@@ -46,26 +52,29 @@ def write_geotiff(view: Source, output: Path, options: Options, force: bool) -> 
     from oddsmap.map_files.geotiff import save_geotiff
 
     crs = options.get("crs")
-    save_geotiff(plane_of(view, options), output, crs=crs, force=force)
+    plane, notes = plane_of(view, options)
+    save_geotiff(plane, output, crs=crs, force=force)
     if crs is not None:
-        return Written([output])
+        return Written([output], notes)
     return Written(
         [output],
         (
+            *notes,
             "the file does not say where on the Earth it is: --crs EPSG:32632 (or what your "
             "coordinates are in) does",
         ),
     )
 
 
-def plane_of(view: Source, options: Options) -> Plane:
-    """A 2D map, or a band of heights of a 3D map, for files that take it in parts."""
+def plane_of(view: Source, options: Options) -> tuple[Plane, tuple[str, ...]]:
+    """A 2D map, or a band of heights of a 3D map, for files that take it in parts; and notes."""
     from oddsmap.map_files.plane import ArrayPlane
     from oddsmap.posterior.belief import Belief
 
     if isinstance(view, Belief) and view.ndim == 2 and not _banded(options):
-        return view.plane()
-    return ArrayPlane(grid_of(view, options)[0])
+        return view.plane(), ()
+    grid = grid_of(view, options)[0]
+    return ArrayPlane(grid), grid.notes
 
 
 def grid_of(view: Source, options: Options) -> tuple[ProbabilityMap, Thresholds]:
@@ -81,12 +90,18 @@ def grid_of(view: Source, options: Options) -> tuple[ProbabilityMap, Thresholds]
     from oddsmap.projection.project import project
 
     z_min, z_max = options.get("z_min"), options.get("z_max")
+    rule, slab = options.get("rule", "slabs"), options.get("slab")
     ground = options.get("ground", "none")
     thresholds = thresholds_of(view, options)
     if isinstance(view, ProbabilityMap) or (isinstance(view, Belief) and view.ndim == 2):
         if _banded(options):
-            raise ConfigError("--z-min, --z-max and --ground need a 3D map, this one is 2D")
-        return (view if isinstance(view, ProbabilityMap) else view.to_probability_map()), thresholds
+            raise ConfigError(
+                "--z-min, --z-max, --ground, --rule and --slab need a 3D map, this one is 2D"
+            )
+        if isinstance(view, ProbabilityMap):
+            # What is doubtful about its file has been said when it was opened.
+            return dataclasses.replace(view, notes=()), thresholds
+        return view.to_probability_map(), thresholds
     if z_min is None and z_max is None:
         raise ConfigError(
             "this map is 3D: say which heights make the 2D map, for example "
@@ -94,10 +109,14 @@ def grid_of(view: Source, options: Options) -> tuple[ProbabilityMap, Thresholds]
         )
     lowest = -float("inf") if z_min is None else z_min
     highest = float("inf") if z_max is None else z_max
-    grid = project(view, lowest, highest, ground="relative" if ground == "relative" else None)
+    grid = project(
+        view, lowest, highest, ground="relative" if ground == "relative" else None, rule=rule,
+        slab=slab, thresholds=thresholds,
+    )  # fmt: skip
     return grid, thresholds
 
 
 def _banded(options: Options) -> bool:
-    heights = options.get("z_min"), options.get("z_max")
-    return heights != (None, None) or options.get("ground", "none") != "none"
+    return options.get("ground", "none") != "none" or any(
+        name in options for name in HEIGHTS if name != "ground"
+    )

@@ -57,10 +57,10 @@ def write_bag(view: Source, output: Path, options: Options, force: bool) -> Writ
     """Write a 2D map as a grid, a 3D map as OctoMaps and points, in `.mcap` or a bag."""
     from oddsmap.cli.export_sources import thresholds_of
     from oddsmap.map_files.ros_bag import save_bag
-    from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.count_view import CountView
 
     limits = thresholds_of(view, options)
-    since = view.evidence.config.map.t_ref_ns if isinstance(view, LogOdds) else None
+    since = view.evidence.config.map.t_ref_ns if isinstance(view, CountView) else None
     space = _space_of(view, options)
     if space is None:
         make, notes = _grids(view, options, limits)
@@ -72,7 +72,7 @@ def write_bag(view: Source, output: Path, options: Options, force: bool) -> Writ
 
 
 def _grids(view: Source, options: Options, limits: Thresholds) -> _Made:
-    from oddsmap.cli.undecided import undecided_in_plane
+    from oddsmap.cli.undecided import knows_undecided, undecided_in_plane
     from oddsmap.errors import ConfigError
     from oddsmap.map_files.grid_messages import (
         MOST_GRID_CELLS,
@@ -83,10 +83,11 @@ def _grids(view: Source, options: Options, limits: Thresholds) -> _Made:
 
     if "shift" in options:
         raise ConfigError("--shift moves an OctoMap, and this map is 2D")
-    plane, mode = plane_of(view, options), options.get("mode", "trinary")
+    (plane, notes), mode = plane_of(view, options), options.get("mode", "trinary")
     check_plane_size(plane)  # before all of it is gone through
-    note = undecided_in_plane(plane, limits, view) if mode == "trinary" else None
-    notes: tuple[str, ...] = () if note is None else (note,)
+    if mode == "trinary" and not knows_undecided(notes):
+        note = undecided_in_plane(plane, limits, view)
+        notes += () if note is None else (note,)
     if not has_cell_grid(plane):
         notes += (
             f"/map_cells with probabilities and counts is left out: more than {MOST_GRID_CELLS:,} "

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from oddsmap.odds import State, Thresholds, logit, sigmoid
@@ -15,10 +16,15 @@ if TYPE_CHECKING:
     from oddsmap.maps.voxel_map import VoxelMap
     from oddsmap.posterior.belief import Belief
 
-__all__ = ["undecided_in_plane", "undecided_in_points"]
+__all__ = ["knows_undecided", "undecided_in_plane", "undecided_in_points"]
 
 # A share that is worth a line. Of five long logs of offices 5 to 22 % of the cells are undecided.
 _NOTABLE = 0.3
+
+
+def knows_undecided(notes: Iterable[str]) -> bool:
+    """Whether a projection has said what is undecided, and why."""
+    return any(getattr(note, "code", None) == "projection.undecided" for note in notes)
 
 
 def undecided_in_plane(plane: Plane, thresholds: Thresholds | None, view: Source) -> str | None:

@@ -27,6 +27,7 @@ from oddsmap.evidence.arithmetic import (
     factor_of,
     merge_tiles,
 )
+from oddsmap.evidence.frames import axes_of, axes_of_up, turned
 from oddsmap.evidence.tiles import Census, TileStore
 from oddsmap.kernels.units import ONE, PASSES
 from oddsmap.limits import TILE_SIDE
@@ -378,6 +379,37 @@ class Evidence(Placed):
         large.provenance = copy.deepcopy(self.provenance)
         large.record(None, resampled_from=self.resolution)
         return large
+
+    def rotated(self, axes: str | None = None, *, up: str | None = None) -> Self:
+        """A new map in a frame turned by quarter turns about the origin, exactly.
+
+        Cells go to whole cells, with their hits, passes and lengths. Heights that the sensor model
+        has for marks (mark_z_min, mark_z_max) stay the numbers that they were.
+
+        Args:
+            axes: the old axis that each new one is, in order: "z -x -y" makes x of z, y of -x and
+                z of -y, which takes an optical frame (x right, y down, z forward) to x forward,
+                y left, z up. In 2D such as "y -x".
+            up: 3D, in place of `axes`: the old axis that is to point up, such as "-y". x stays, or
+                y where x points up.
+
+        Raises:
+            ConfigError: not one of the two, axes that are not each axis once or a mirror image, or
+                `up` of a 2D map.
+        """
+        if (axes is None) == (up is None):
+            raise ConfigError("a map is turned by axes or by up: give one of the two")
+        if up is not None and self.ndim != 3:
+            raise ConfigError('up turns maps of space, this one is 2D: give axes, such as "y -x"')
+        stated = axes_of_up(up) if up is not None else str(axes)
+        source, is_reversed = axes_of(stated, self.ndim)
+        other = self.like()
+        turned(other.tiles, self.tiles, source, is_reversed)
+        if other.lengths is not None and self.lengths is not None:
+            turned(other.lengths, self.lengths, source, is_reversed)
+        other.provenance = copy.deepcopy(self.provenance)
+        other.record(None, rotated=stated)
+        return other
 
     def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Self:
         """A new map with only the cells of a box; arguments and errors as in `region`."""

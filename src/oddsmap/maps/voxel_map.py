@@ -35,6 +35,7 @@ _HALF = 1 << 15
 """Maps within this many cells of the origin count their codes from there, as OctoMap does."""
 _MAX_LEVEL = 15
 _MAX_BOX = 1 << 31
+_MAX_CELLS = 50_000_000
 _PART = 1 << 16
 
 
@@ -260,7 +261,7 @@ class VoxelMap(Queries):
         self,
         region: tuple[npt.ArrayLike, npt.ArrayLike] | None = None,
         *,
-        max_cells: int = 50_000_000,
+        max_cells: int = _MAX_CELLS,
     ) -> tuple[IntArray, FloatArray]:
         """Single cells: index, shape (m, 3), x first, and probability, shape (m,), leaf by leaf.
 
@@ -271,6 +272,18 @@ class VoxelMap(Queries):
         Raises:
             MapTooLargeError: there are more than `max_cells`.
         """
+        index, leaf = self._listed(region, max_cells)
+        return index, self.probability[leaf]
+
+    def known_log_odds(self) -> tuple[IntArray, FloatArray]:
+        """As `cells`, with log odds."""
+        index, leaf = self._listed(None, _MAX_CELLS)
+        return index, self.log_odds[leaf]
+
+    def _listed(
+        self, region: tuple[npt.ArrayLike, npt.ArrayLike] | None, max_cells: int
+    ) -> tuple[IntArray, IntArray]:
+        """Single cells and the leaves that they lie in."""
         first, last = self.index, self.index + self.side[:, None]
         if region is not None:
             lo, hi = cell_box(*region, 3)
@@ -292,7 +305,7 @@ class VoxelMap(Queries):
         index[:, 0] += number % size[:, 0]
         index[:, 1] += number // size[:, 0] % size[:, 1]
         index[:, 2] += number // (size[:, 0] * size[:, 1])
-        return index, self.probability[leaf]
+        return index, leaf
 
     def save_octomap(
         self,

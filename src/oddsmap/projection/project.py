@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """A 2D map from a 3D map: what lies in a band of heights.
 
-A column is as occupied as the most occupied of its seen cells. The other candidate, that at least
-one cell is occupied, 1 - prod (1 - p), takes the cells' errors for independent: 20 cells, each
-free with p = 0.1, would make a column of 0.88, a wall of nothing, and a finer resolution a denser
-one. The largest p does not depend on how finely the band is cut, and it is exact where one thing
-stands in a column. A cell never seen says nothing: it neither greys a column nor makes one known.
+Which heights count is decided by `band.py`, what a column's cells say together by `rules.py`, and
+how high the ground is by `ground_surface.py`. One candidate is no rule there: that at least one
+cell is occupied, 1 - prod (1 - p), takes the cells' errors for independent. 20 cells, each free
+with p = 0.1, would make a column of 0.88, a wall of nothing, and a finer resolution a denser one.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -21,14 +20,18 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.maps.voxel_map import VoxelMap
-from oddsmap.odds import Thresholds, sigmoid
+from oddsmap.odds import Thresholds, logit, sigmoid
 from oddsmap.posterior.belief import Belief
+from oddsmap.posterior.count_view import CountView
 from oddsmap.posterior.log_odds import LogOdds
+from oddsmap.projection.band import Band
 from oddsmap.projection.columns import Columns
 from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
+from oddsmap.projection.rules import by_largest, by_slabs
+from oddsmap.projection.undecided import note_of_undecided
 
-__all__ = ["Ground", "project"]
+__all__ = ["SLAB", "Ground", "Rule", "project"]
 
 Ground = (
     Literal["relative"]
@@ -38,7 +41,11 @@ Ground = (
     | None
 )
 
-_FAR = float(1 << 50)  # [cells]: beyond all cells, and still a whole number
+Rule = Literal["slabs", "largest"]
+"""What a column's cells say together: see `oddsmap.projection.rules`."""
+
+SLAB = 0.3
+"""Height of a slab, where none is stated [m]."""
 
 
 def project(
@@ -47,11 +54,14 @@ def project(
     z_max: float,
     *,
     ground: Ground = None,
+    rule: Rule = "slabs",
+    slab: float | None = None,
+    thresholds: Thresholds | None = None,
 ) -> ProbabilityMap:
-    """Project a band of heights of a 3D map to a 2D map.
+    """Project a band of heights of a 3D map to a 2D map: is anything in it in the way?
 
-    A cell belongs to the band where its centre does: z_min <= z < z_max. Its column is observed
-    where any cell of the band is, with the largest probability among those.
+    A cell belongs to the band where its centre does: z_min <= z < z_max. A column of which no
+    cell in the band was seen is unknown.
 
     Args:
         source: the map, or a view of it with a prior or sensor model of its own.
@@ -63,17 +73,26 @@ def project(
             lowest surfaces, which follows tilts, ramps and terraces, see
             `fit_ground_surface`. Or a `GroundPlane`, a `GroundSurface`, or
             a function of x and y [m], arrays of shape (n,), that gives the ground's z [m].
+        rule: what makes a column free. "slabs": enough passes in each slab of the band, taken
+            together, and no cell that is rather occupied. "largest": enough passes in each seen
+            cell. Either way a column is as occupied as its most occupied cell, if one is rather
+            occupied.
+        slab: height of a slab [m], by default 0.3: what is lower may be missed between beams. 0:
+            each cell is one; inf: all of the band is one.
+        thresholds: which columns count as undecided in the notes; default: the view's.
 
     Returns:
-        The rectangle of all known columns, whatever their height.
+        The rectangle of all known columns, whatever their height. Its `notes` say what share of
+        the known columns is undecided, and why.
 
     Raises:
         InputError: a 2D map, or no occupied cell to find the ground by.
-        ConfigError: not z_min < z_max.
+        ConfigError: not z_min < z_max, an unknown rule, or a slab that it does not know.
         MapTooLargeError: a rectangle of more than 2^31 columns.
     """
     if not z_min < z_max:
         raise ConfigError(f"a height band needs z_min < z_max [m], got {z_min} and {z_max}")
+    height = _slab(rule, slab)
     view = LogOdds(source) if isinstance(source, Evidence) else source
     if isinstance(view, Belief) and view.ndim != 3:
         raise InputError("only a 3D map can be projected, this one is 2D already")
@@ -83,47 +102,51 @@ def project(
         return ProbabilityMap(nothing, nothing.astype(np.bool_), view.resolution)
     columns = Columns(*box, view.resolution)
     heights = None if ground is None else _heights(ground, view, columns)
-    largest = np.full(columns.count, -1.0)
-    for index, probability in _cells(view, _layers(z_min, z_max, view, heights)):
-        column = columns.number(index)
-        z = (index[:, 2] + 0.5) * view.resolution
-        if heights is not None:
-            z -= heights[column]
-        band = (z >= z_min) & (z < z_max)
-        np.maximum.at(largest, column[band], probability[band])
-    observed = largest >= 0.0
-    largest[~observed] = view.prior if isinstance(view, Belief) else 0.5
+    band = Band(z_min, z_max, view.resolution, (int(box[0][2]), int(box[1][2])), heights)
+    prior = float(logit(view.prior)) if isinstance(view, Belief) else 0.0
+    judged = (
+        by_largest(partial(_cells, view), columns, band)
+        if rule == "largest"
+        else by_slabs(partial(_cells, view), columns, band, height, prior)
+    )
+    probability = sigmoid(judged.log_odds)
+    probability[~judged.known] = view.prior if isinstance(view, Belief) else 0.5
+    limits = thresholds or (view.thresholds if isinstance(view, Belief) else Thresholds())
     return ProbabilityMap(
-        probability=largest.reshape(columns.shape),
-        observed=observed.reshape(columns.shape),
+        probability=probability.reshape(columns.shape),
+        observed=judged.known.reshape(columns.shape),
         resolution=view.resolution,
         origin=columns.origin,
+        notes=tuple(note_of_undecided(probability, judged, limits, height)),
     )
+
+
+def _slab(rule: Rule, slab: float | None) -> float:
+    """The height of a slab that is asked for [m]."""
+    if rule not in ("slabs", "largest"):
+        raise ConfigError(f'rule is "slabs" or "largest", got {rule!r}')
+    if slab is None:
+        return SLAB
+    if rule != "slabs":
+        raise ConfigError(f'slab is for rule "slabs"; rule {rule!r} looks at single cells')
+    if not slab >= 0.0:
+        raise ConfigError(f"slab is a height of 0 m or more, got {slab}")
+    return float(slab)
 
 
 def _box(view: Belief | VoxelMap) -> tuple[IntArray, IntArray] | None:
     """The box of the cells with a probability; lengths of beams may lie beyond."""
-    return view.evidence.census().bounds if isinstance(view, LogOdds) else view.bounds()
+    return view.evidence.census().bounds if isinstance(view, CountView) else view.bounds()
 
 
 def _cells(
     view: Belief | VoxelMap, z: tuple[int, int] | None = None
 ) -> Iterator[tuple[IntArray, FloatArray]]:
-    """Index and probability of the cells, some at a time; of those of some layers at least."""
+    """Index and log odds of the cells, some at a time; of those of some layers at least."""
     if isinstance(view, VoxelMap):
-        yield view.cells()
+        yield view.known_log_odds()
     else:
-        yield from view.parts(sigmoid, z=z)
-
-
-def _layers(
-    z_min: float, z_max: float, view: Belief | VoxelMap, heights: FloatArray | None
-) -> tuple[int, int] | None:
-    """Layers of cells that may lie in the band, first and past the last; None: all may."""
-    low, high = (limit / view.resolution for limit in (z_min, z_max))
-    if heights is not None or not max(abs(low), abs(high)) < _FAR:
-        return None
-    return math.floor(low) - 1, math.ceil(high) + 1
+        yield from view.parts(np.asarray, z=z)
 
 
 def _heights(ground: Ground, view: Belief | VoxelMap, columns: Columns) -> FloatArray:
@@ -131,7 +154,8 @@ def _heights(ground: Ground, view: Belief | VoxelMap, columns: Columns) -> Float
     seen = np.zeros(columns.count, np.bool_)
     occupied, free = columns.nowhere(), columns.nowhere()
     limit = Thresholds() if isinstance(view, VoxelMap) else view.thresholds
-    for index, probability in _cells(view):
+    for index, log_odds in _cells(view):
+        probability = sigmoid(log_odds)
         seen[columns.number(index)] = True
         if ground == "relative":
             columns.lower(occupied, index[probability >= limit.occupied])
