@@ -39,7 +39,8 @@ __all__ = ["EvidenceMap", "build_map", "load_map"]
 class EvidenceMap(Evidence):
     """Hits and passes of a field of cells, and what can be made of them.
 
-    A map is `oddsmap.evidence.evidence.Evidence`, whose arguments it takes, with views and files.
+    A map is `oddsmap.evidence.evidence.Evidence`, with views and files; its arguments are those of
+    `oddsmap.evidence.counted_cells.CountedCells`.
     Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis.
     """
 

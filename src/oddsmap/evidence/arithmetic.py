@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps added, taken out of each other and made coarser: sums of whole numbers, so exact."""
+"""Maps added, taken out of each other, made coarser and cut: sums of whole numbers, so exact."""
 
 from __future__ import annotations
 
@@ -15,7 +15,16 @@ from oddsmap.evidence.tile_counts import retiled
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.units import HITS, ONE, PASSES
 
-__all__ = ["check_same_kind", "coarser", "difference", "factor_of", "how_to_match", "merge_tiles"]
+__all__ = [
+    "add_scaled",
+    "check_same_kind",
+    "coarser",
+    "crop_tiles",
+    "difference",
+    "factor_of",
+    "how_to_match",
+    "merge_tiles",
+]
 
 # Decimal fractions are rounded in binary: 0.15 is not three times 0.05 to the last bit.
 _SAME = 1e-9
@@ -176,3 +185,29 @@ def coarser(to: TileStore, tiles: TileStore, factor: int) -> None:
     """
     for index, hits, passes in tiles.parts():
         to.add_cells(index // factor, np.stack([hits, passes], axis=1))
+
+
+def crop_tiles(to: TileStore, tiles: TileStore, first: IntArray, last: IntArray) -> None:
+    """Add to an empty store the cells of a box: from `first` on and before `last`, (ndim,)."""
+    side, d = tiles.side, tiles.ndim
+    for coords, units in tiles.chunks(first // side, -(-last // side)):
+        # Which of a tile's cells lie in the box, axis by axis.
+        along = coords[:, :, None] * side + np.arange(side)
+        inside = (along >= first[:, None]) & (along < last[:, None])
+        kept = inside[:, 0]
+        for axis in range(1, d):
+            kept = (inside[:, axis, :, None] & kept[:, None, :]).reshape(len(coords), -1)
+        cut = units * kept[:, None, :]
+        some = cut.any(axis=(1, 2))
+        to.fill(coords[some], cut[some])
+
+
+def add_scaled(to: TileStore, tiles: TileStore, factor: float) -> int:
+    """Add weights times a factor; returns how many above 0 became 0."""
+    underflowed = 0
+    for coords, units in tiles.chunks():
+        scaled = np.rint(units * factor).astype(np.int64)
+        underflowed += int(np.count_nonzero((units > 0) & (scaled == 0)))
+        kept = scaled.any(axis=(1, 2))
+        to.add(coords[kept], scaled[kept])
+    return underflowed
