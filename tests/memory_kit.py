@@ -7,6 +7,7 @@ A workload prepares what it needs in a folder of its own and gives what is to be
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
@@ -157,6 +158,10 @@ def merging(_: Path) -> Repeat:
         (grid - plane()).bounds()
         room().resample(2 * room().resolution).bounds()
         room().rotated(up="-y").bounds()
+        plane().transformed((1.0, 2.0, 0.0)).bounds()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what resampling costs
+            room().transformed((0.0, 0.0, 0.3)).bounds()
 
     return repeat
 

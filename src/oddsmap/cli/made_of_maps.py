@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from oddsmap.cli.map_moves import moved
 from oddsmap.cli.progress import working
 
 if TYPE_CHECKING:
     from oddsmap.cli.voice import Voice
     from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.poses.pose import Pose
     from oddsmap.scans.note import Note
 
 __all__ = [
@@ -72,6 +74,7 @@ def combined(
     voice: Voice,
     doubts: Callable[[EvidenceMap, EvidenceMap], Iterator[Note]],
     combine: Callable[[EvidenceMap, EvidenceMap], None],
+    moves: Sequence[Pose | None] | None = None,
 ) -> EvidenceMap:
     """The first map with the others added or taken out, one in memory at a time beside it.
 
@@ -80,6 +83,7 @@ def combined(
         voice: says what is doubtful.
         doubts: of the first map, as far as it is combined, and of the next.
         combine: changes the first map.
+        moves: where the frame of each of the others lies in the first's; None: they are one.
 
     Raises:
         OddsmapError: two do not fit; both are named.
@@ -88,9 +92,9 @@ def combined(
 
     first, *others = maps
     total = read_map(first, voice)
-    for path in others:
-        other = read_map(path, voice)
-        found = list(doubts(total, other))
+    for path, move in zip(others, moves or [None] * len(others), strict=True):
+        other, found = moved(path, read_map(path, voice), move, voice)
+        found += doubts(total, other)
         try:
             combine(total, other)
         except OddsmapError as error:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from oddsmap.cli.made_of_maps import AnySensor, MadeMap, SavedMap, check_maps, combined, write_map
+from oddsmap.cli.map_moves import Shifts, Transforms, moves_of
 from oddsmap.cli.merge_doubts import doubts_of_difference
 from oddsmap.cli.options import Quiet, Verbose, force_option, json_option
 from oddsmap.cli.voice import Voice
@@ -21,6 +22,7 @@ HELP = """Take the evidence of maps out of another again, exactly: what merge di
   oddsmap subtract all.zarr tuesday.zarr -o rest.zarr
 
 A cell that has less than is to be taken out of it is an error: then the evidence was never added.
+With --transform or --shift as in the merge, maps that were moved are taken out.
 """
 
 
@@ -30,6 +32,8 @@ def subtract(
         list[Path], typer.Argument(metavar="OTHER...", help="What is to be taken out of it.")
     ],
     output: MadeMap,
+    transform: Transforms = None,
+    shift: Shifts = None,
     any_sensor: AnySensor = False,
     force: Annotated[bool, force_option("an existing map")] = False,
     as_json: Annotated[bool, json_option("the summary")] = False,
@@ -39,12 +43,14 @@ def subtract(
     """Take the evidence of maps out of another: see `HELP`."""
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     maps = [source, *others]
+    moves = moves_of(transform, shift, maps)
     check_maps(maps, output, force=force)
     rest = combined(
         maps,
         voice,
         doubts_of_difference,
         lambda own, other: own.subtract(other, any_sensor=any_sensor),
+        moves,
     )
     said = f"left     of {source} without {', '.join(map(str, others))}"
     facts = {"inputs": [str(path) for path in maps]}

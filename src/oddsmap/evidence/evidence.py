@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import copy
 import math
+import warnings
 from typing import Self
 
+import numpy as np
 import numpy.typing as npt
 
 from oddsmap.cell_index import cell_box
@@ -25,7 +27,16 @@ from oddsmap.evidence.arithmetic import (
     merge_tiles,
 )
 from oddsmap.evidence.counted_cells import CountedCells
-from oddsmap.evidence.frames import axes_of, axes_of_up, turned
+from oddsmap.evidence.frames import (
+    axes_of,
+    axes_of_up,
+    named_numbers,
+    rotation_and_position,
+    turned,
+    whole_cells,
+)
+from oddsmap.evidence.nearest import resampled
+from oddsmap.poses.given_pose import PoseLike, pose_of
 
 __all__ = ["Evidence"]
 
@@ -168,14 +179,71 @@ class Evidence(CountedCells):
         if up is not None and self.ndim != 3:
             raise ConfigError('up turns maps of space, this one is 2D: give axes, such as "y -x"')
         stated = axes_of_up(up) if up is not None else str(axes)
-        source, is_reversed = axes_of(stated, self.ndim)
+        way = axes_of(stated, self.ndim)
         other = self.like()
-        turned(other.tiles, self.tiles, source, is_reversed)
+        turned(other.tiles, self.tiles, way)
         if other.lengths is not None and self.lengths is not None:
-            turned(other.lengths, self.lengths, source, is_reversed)
+            turned(other.lengths, self.lengths, way)
         other.provenance = copy.deepcopy(self.provenance)
         other.record(None, rotated=stated)
         return other
+
+    def transformed(self, pose: PoseLike) -> Self:
+        """A new map in another frame: `a + b.transformed(a_from_b)` adds up maps of two frames.
+
+        Quarter turns with shifts by whole cells are exact: cells go to whole cells, with their
+        hits, passes and lengths. They are those that take the centre of each cell with evidence to
+        that of another, up to a hundredth of a cell. Otherwise the map is resampled, and a warning
+        says at what cost: each cell has the hits and passes of the cell that holds its centre,
+        turned back, so that the counts of some are repeated and those of others dropped, and a wall
+        is off by up to half a cell's diagonal. Either way sums stay sums.
+
+        The provenance says where from each log was moved. Heights that the sensor model has for
+        marks stay the numbers that they were.
+
+        Args:
+            pose: of this map's frame in the new one, new_from_old [m, rad], in any form that a
+                scan's pose has, such as (x, y, yaw). Of a map of space, a pose in the plane turns
+                about z.
+
+        Raises:
+            InputError: no finite pose, one of space for a 2D map, the map keeps path lengths and
+                the transform is not exact, or the map would lie out of reach.
+        """
+        known = pose_of(pose)
+        rotation, position = rotation_and_position(known, self.ndim)
+        shift = position / self.resolution
+        if not shift.any() and np.array_equal(rotation, np.eye(self.ndim)):
+            return self._copy()
+        nowhere = np.zeros(self.ndim, np.int64)
+        way = whole_cells(rotation, shift, *(self.bounds() or (nowhere, nowhere + 1)))
+        if way is None and self.lengths is not None:
+            raise InputError(
+                "the map keeps path lengths, which only quarter turns with shifts by whole cells "
+                f"({self.resolution:g} m) can move: build it from its log with poses of the other "
+                "frame"
+            )
+        moved = self.like()
+        numbers, facts = named_numbers(known), {}
+        if way is None:
+            cost = resampled(moved.tiles, self.tiles, rotation, shift)
+            facts = {"resampling": cost._asdict()}
+            warnings.warn(
+                f"moved by no quarter turn and whole cells, so resampled: {cost}; built from its "
+                "log with poses of the other frame it would be exact",
+                stacklevel=2,
+            )
+        else:
+            turned(moved.tiles, self.tiles, way)
+            if moved.lengths is not None and self.lengths is not None:
+                turned(moved.lengths, self.lengths, way)
+        # In each entry, too: so that evidence of a log is told from the same moved.
+        moved.provenance = [
+            {**entry, "moved": [*entry.get("moved", ()), numbers]}
+            for entry in copy.deepcopy(self.provenance)
+        ]
+        moved.record(None, transformed=numbers, exact=way is not None, **facts)
+        return moved
 
     def crop(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Self:
         """A new map with only the cells of a box; arguments and errors as in `region`."""
