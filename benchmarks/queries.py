@@ -12,6 +12,8 @@ the call from Python in it, and what an empty call takes is reported alone, too.
 
 In 2D the peers are Bresenham's line and ray marching over a dense grid (`peers/grid_rays.py`), as
 range_libc has them, from random free places of the office at 0.05 m, up to 30 m.
+
+`exploring.py` has frontiers, information gain, expected ranges and states, on both maps.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "src"), str(ROOT)]
 
 import oddsmap  # noqa: E402
+from benchmarks.exploring import explore  # noqa: E402
 from benchmarks.peers import grid_rays, octomap_python  # noqa: E402
 from oddsmap.simulate import (  # noqa: E402
     Lidar2D,
@@ -133,7 +136,7 @@ def exact_end(voxels: oddsmap.VoxelMap, origin: FloatArray, way: FloatArray) -> 
 def in_the_plane(
     count: int,
 ) -> tuple[dict[str, tuple[Callable[[], object], int]], dict[str, float]]:
-    """What is timed in 2D, and how far peers' ranges are from the exact ones."""
+    """What is timed in 2D, and how far answers are from those they are compared with."""
     plan, lidar, rng = office_plan(), Lidar2D(), np.random.default_rng(0)
     view = oddsmap.build_map(
         [lidar.scan(plan, pose, rng) for pose in office_drive()], FINE
@@ -158,7 +161,9 @@ def in_the_plane(
         with np.errstate(invalid="ignore"):
             same = (np.abs(found - exact) <= 2.0) | (found == exact)
         apart[f"{name}, within 2 cells of the exact range"] = float(same.mean())
-    return {
+    jobs, compared = explore("2D", view, origins, origins, ways, ACROSS)
+    apart |= compared
+    return jobs | {
         "2D cast_rays, occupied": (lambda: caster.cast(origins, ways, ACROSS), count),
         "2D Bresenham, dense": (
             lambda: grid_rays.bresenham(occupied, starts, ways, reach), count
@@ -206,14 +211,15 @@ def main() -> None:
         caster = voxels.ray_caster()
         jobs: dict[str, tuple[Callable[[], object], int]] = {
             "at": (lambda: view.at(points), count),
-            "states_at": (lambda: view.states_at(points), count),
             "cast_rays, occupied": (lambda: caster.cast(origins, ways, MAX_RANGE), count),
             "cast_rays, unknown": (
                 lambda: caster.cast(origins, ways, MAX_RANGE, until="unknown"), count
             ),
         }  # fmt: skip
         plane, apart = in_the_plane(count)
-        jobs |= plane
+        space, compared = explore("3D", view, points, origins, ways, MAX_RANGE)
+        jobs |= plane | space
+        apart |= compared
         if there:
             tree = octree(Path(folder) / "town.bt")
             found["equal answers"] = compare(tree, voxels, few)
@@ -226,17 +232,22 @@ def main() -> None:
         for _ in range(3 if given.quick else 7):
             for name, (job, number) in jobs.items():
                 found["rates"].setdefault(name, []).append(rate(job, number))
-    start = time.process_time()
-    view.ray_caster()
-    found["ray_caster_s"] = time.process_time() - start
+    for name, make in (
+        ("ray_caster", view.ray_caster),
+        ("likelihood_field", lambda: view.likelihood_field(MAX_RANGE)),
+    ):
+        found[f"{name}_s"] = 1.0 / max(rate(make, 1) for _ in range(3))
     print(f"{found['cells']} cells of {RESOLUTION} m; {version}")
     if there:
         print("equal answers:", {name: f"{x:.4%}" for name, x in found["equal answers"].items()})
-    print("2D:", {name: f"{x:.2%}" for name, x in apart.items()})
+    for name, x in apart.items():
+        print(f"{name}: {x:.4g}")
+    found["compared"] = apart
     for name, rates in found["rates"].items():
         best, middle = max(rates) / 1e6, float(np.median(rates)) / 1e6
-        print(f"{name:28} {best:8.3f} M/s, median {middle:.3f}")
-    print(f"making a ray_caster: {found['ray_caster_s']:.3f} s")
+        print(f"{name:28} {best:9.4f} M/s, median {middle:.4f}")
+    for name in ("ray_caster", "likelihood_field"):
+        print(f"making a {name}: {found[name + '_s']:.3f} s")
     if given.json:
         given.json.write_text(json.dumps(found, indent=1))
 

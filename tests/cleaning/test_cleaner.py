@@ -159,6 +159,17 @@ def test_only_returns_that_mark_are_labelled() -> None:
     assert cleaner.skipped["scan.nan_pose"] == 1
 
 
+def test_the_window_is_told_where_the_sensor_was_at_the_time_of_a_beam() -> None:
+    angles = np.array([-2.0, -1.5, -0.5, 0.0, 0.5, 0.9])
+    scan = Scan.from_angles((0.0, 0.0, 0.0), angles, np.full(6, 2.0))
+    earlier = Scan.from_angles((0.0, 0.0, 0.0), angles + 0.8, np.full(6, 2.0))
+    object.__setattr__(scan, "own_vectors", earlier.directions)  # as scans of a turn have them
+    cleaner = Cleaner(build_map([scan], 0.1, sensor=BeamSensor(angle_min=-1.0, angle_max=1.0)))
+    (part,) = cleaner.label([scan])
+    assert part.beam.tolist() == [1, 2, 3]
+    np.testing.assert_allclose(part.points, 2.0 * scan.directions[1:4], atol=1e-12)
+
+
 def test_what_is_refused() -> None:
     scans, _, _ = street()
     grid = build_map(scans[:2], 0.5, sensor=SENSOR)

@@ -8,7 +8,7 @@ import itertools
 import numpy as np
 import pytest
 
-from oddsmap import BeamSensor, Pose3, Scan, build_map
+from oddsmap import BeamSensor, Pose2, Pose3, Scan, build_map
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 
 CAMERA = PinholeCamera(fx=525.0, fy=525.0, cx=319.5, cy=239.5, width=640, height=480)
@@ -68,3 +68,14 @@ def test_scans_with_and_without_points_side_by_side() -> None:
         alone.merge(build_map([scan], resolution=RESOLUTION, sensor=sensor))
     for one, other in zip(together.cells(), alone.cells(), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_wall_of_points_in_a_window_of_angles() -> None:
+    """What the window leaves of a scan marks as it does without it."""
+    points = np.column_stack([np.full(500, 2.0), np.linspace(-1.9, 1.9, 500)])
+    points = np.concatenate([points, points * (-1.0, 1.0)])
+    scan = Scan.from_points(Pose2(0.0, 0.0, 0.0), points)
+    ahead = BeamSensor(angle_min=-1.0, angle_max=1.0)
+    index, hits, _ = build_map([scan], resolution=RESOLUTION, sensor=ahead).cells()
+    assert set(index[hits > 0, 0].tolist()) == {40}
+    assert len(index[hits > 0]) == len(np.unique(np.floor(points[:500, 1] / RESOLUTION)))

@@ -12,9 +12,10 @@ import pytest
 from scipy.integrate import quad
 
 import oddsmap
-from oddsmap import ConfigError, InputError, Pose2, Pose3, State
+from oddsmap import ConfigError, InputError, MapTooLargeError, Pose2, Pose3, State
 from oddsmap.array_types import FloatArray
 from oddsmap.kernels.query.pose_likelihoods import BeamMixture, beam_log_likelihoods
+from oddsmap.query import likelihood_field as fields
 from oddsmap.simulate import Lidar2D, office_drive, office_plan
 from tests.naive import localisation as naive
 
@@ -91,6 +92,35 @@ def test_the_likelihood_field_is_that_of_single_beams(ndim: int) -> None:
             occupied, RESOLUTION, pose, beams_of(scan), range_max=RANGE_MAX, **FIELD
         )
         assert got == pytest.approx(want, rel=1e-12)
+
+
+@pytest.mark.parametrize("max_distance", [63.75, 63.9, 64.0, 90.0])
+def test_a_field_of_long_distances(max_distance: float) -> None:
+    """Squared distances in cells of up to 2 bytes, and of more."""
+    view, scan = view_of(2), scan_of(2)
+    given, _ = poses_of(2, 40)
+    given[:, :2] *= 20.0
+    options = {**FIELD, "sigma_hit": 20.0, "max_distance": max_distance}
+    field = view.likelihood_field(RANGE_MAX, **options)
+    occupied = [cell for cell, state in states_of(view).items() if state == State.OCCUPIED]
+    found = field.log_likelihood(given, scan)
+    for (x, y, yaw), got in zip(given.tolist(), found.tolist(), strict=True):
+        pose = Pose2(x, y, yaw).rotation.tolist(), [x, y]
+        want = naive.likelihood_field(
+            occupied, RESOLUTION, pose, beams_of(scan), range_max=RANGE_MAX, **options
+        )
+        assert got == pytest.approx(want, rel=1e-12)
+    assert len(set(found.tolist())) > 20
+
+
+def test_a_field_keeps_two_bytes_a_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    view = view_of(3)
+    index = np.array([c for c, state in states_of(view).items() if state == State.OCCUPIED])
+    cells = np.prod(np.ptp(index, axis=0) + 1 + 2 * 8)  # 2 m are 8 cells
+    assert view.likelihood_field(RANGE_MAX).nbytes == 2 * cells + 8 * (8 * 8 + 2)
+    monkeypatch.setattr(fields, "memory_limit", lambda: 9 * int(cells))
+    with pytest.raises(MapTooLargeError, match=r"of 40 x 40 x 40 cells takes .* max_distance"):
+        view.likelihood_field(RANGE_MAX)
 
 
 @pytest.mark.parametrize("ndim", [2, 3])
@@ -259,7 +289,7 @@ def test_matrices_that_are_no_poses() -> None:
         ({"range_max": math.inf}, "range_max"),
         ({"sigma_hit": 0.0}, "sigma_hit"),
         ({"max_distance": math.nan}, "max_distance is a length"),
-        ({"max_distance": 64.0}, "max_distance is at most 255 cells, 63.75 m here, got 64"),
+        ({"max_distance": 3e8}, r"max_distance is less than 2\^30 cells, 2.68435e\+08 m here"),
         ({"z_hit": 0.0}, "z_hit is a weight above 0"),
         ({"z_rand": -1.0}, "z_rand one of 0 or more"),
     ],

@@ -14,8 +14,8 @@ import pytest
 
 import oddsmap
 from oddsmap import BeamSensor, ConeSensor, DepthScan, InputError, OverheadSensor, Scan
+from oddsmap.scans.scan_part import part_of
 from oddsmap.scans.split_log import hold_out
-from oddsmap.witnesses.reach import part_of
 from tests import memory_kit
 from tests.kit import random_scans
 from tests.kit3d import random_space_scans
@@ -149,8 +149,8 @@ def test_a_part_of_a_scan_keeps_all_that_it_has() -> None:
     scan = moving(stamped(from_points(FLAT)))[0]
     names = {field.name for field in dataclasses.fields(Scan)}
     assert names == {
-        "map_from_sensor", "directions", "ranges", "stamp_ns", "sensor_id", "beam_times_ns",
-        "beam_origins", "measured_points", "own_vectors", "stated",
+        "map_from_sensor", "directions", "ranges", "stamp_ns", "sensor_id", "number",
+        "beam_times_ns", "beam_origins", "measured_points", "own_vectors", "stated",
     }  # fmt: skip
     whole = part_of(scan, np.arange(scan.size))
     for name in names:

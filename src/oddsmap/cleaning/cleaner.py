@@ -25,7 +25,7 @@ from oddsmap.scans.given_scans import scans_alone, scans_given
 from oddsmap.scans.measurement import Measurement, ranges_of
 from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
-from oddsmap.sensors.filters import beams_within
+from oddsmap.sensors.filters import within_window
 from oddsmap.sensors.usable_beams import judge_readings
 
 __all__ = ["Cleaner", "LabelledScan"]
@@ -160,10 +160,7 @@ class Cleaner:
             return np.empty((0, self.grid.ndim)), np.empty(0, np.int64)
         number = np.arange(scan.size)
         if sensor.angle_window is not None:
-            (part,), _ = beams_within(
-                [replace(scan, beam_times_ns=number, trusted=True)], sensor.angle_window
-            )
-            number = np.asarray(part.beam_times_ns)
+            number = np.flatnonzero(within_window(scan, sensor.angle_window))
         used = judge_readings(scan.ranges[number], sensor.limits).used
         vectors = scan.directions if scan.measured_points is None else scan.measured_points
         used &= np.isfinite(vectors[number]).all(axis=1)

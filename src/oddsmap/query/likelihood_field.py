@@ -4,27 +4,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import ConfigError, MapTooLargeError
+from oddsmap.kernels.query.distances import FAR, mark_cells
 from oddsmap.kernels.query.pose_likelihoods import field_log_likelihoods
 from oddsmap.limits import memory_limit
-from oddsmap.odds import State
-from oddsmap.query.places import CellGrid
+from oddsmap.odds import Thresholds
+from oddsmap.query.boxes import Box
+from oddsmap.query.obstacles import Obstacles, View
 from oddsmap.query.pose_batches import over_poses
-from oddsmap.query.scan_at_poses import Frame, Poses, PosesLike, ScanBeams
+from oddsmap.query.scan_at_poses import Poses, PosesLike, ScanBeams
+from oddsmap.query.squared_distances import Squared, none_of, squared_to
 from oddsmap.scans.scan import Scan
 
 __all__ = ["LikelihoodField"]
 
-# Squared distances are kept in 16 bits.
-_MOST_CELLS = 255
-# Of the distances while they are worked out: a double, three numbers of 32 bits, and flags.
-_BYTES = 24
+# While distances are worked out: a mark and at most 8 bytes of a distance for each cell, and for
+# each squared distance up to the largest its log likelihood and what that comes from.
+_BYTES, _BYTES_OF_ROW = 9, 40
 
 
 class LikelihoodField:
@@ -44,9 +44,8 @@ class LikelihoodField:
     normal distribution, as in AMCL (amcl_laser.cpp, LikelihoodFieldModelProb).
 
     Args:
-        grid: the map.
-        parts: its known cells, some at a time: index, shape (n, d), and state, shape (n,).
-        frame: map_from_grid, if cells do not count from the map frame.
+        view: the map.
+        thresholds: what is free and what is occupied; None: the view's.
         range_max: readings from here on are no-returns [m].
         sigma_hit: standard deviation of d [m].
         z_hit: weight of ends at obstacles.
@@ -60,10 +59,9 @@ class LikelihoodField:
 
     def __init__(
         self,
-        grid: CellGrid,
-        parts: Iterable[tuple[IntArray, npt.NDArray[np.int8]]],
+        view: View,
         *,
-        frame: Frame | None,
+        thresholds: Thresholds | None,
         range_max: float,
         sigma_hit: float,
         z_hit: float,
@@ -81,20 +79,24 @@ class LikelihoodField:
             raise ConfigError(
                 f"z_hit is a weight above 0 and z_rand one of 0 or more, got {z_hit} and {z_rand}"
             )
-        if max_distance > _MOST_CELLS * grid.resolution:
+        cells = max_distance / view.resolution
+        if cells >= FAR:
             raise ConfigError(
-                f"max_distance is at most {_MOST_CELLS} cells, {_MOST_CELLS * grid.resolution:g} m "
-                f"here, got {max_distance}"
+                f"max_distance is less than 2^30 cells, {FAR * view.resolution:g} m here, got "
+                f"{max_distance}"
             )
-        self.ndim, self.resolution, self.range_max = grid.ndim, grid.resolution, float(range_max)
-        self._frame = frame
-        cells = [index[state == State.OCCUPIED] for index, state in parts]
-        occupied = np.concatenate([np.empty((0, grid.ndim), np.int64), *cells])
-        squares = np.arange(math.floor((max_distance / grid.resolution) ** 2) + 1)
-        d = np.append(np.sqrt(squares) * grid.resolution, max_distance)
+        self.ndim, self.resolution, self.range_max = view.ndim, view.resolution, float(range_max)
+        self._frame = view._map_from_cells()
+        reach = math.floor(cells**2)
+        occupied = Obstacles("occupied", thresholds).cells(view)
+        box = _box_around(occupied, math.isqrt(reach), reach + 1)
+        squares = np.arange(reach + 1 if box.size else 0)
+        d = np.append(np.sqrt(squares) * view.resolution, max_distance)
         with np.errstate(divide="ignore"):
             self._log_p = np.log(z_hit * np.exp(-0.5 * (d / sigma_hit) ** 2) + z_rand / range_max)
-        self._squared, self._lo, self._shape = _distances(occupied, len(squares))
+        self._squared = _distances(occupied, box, reach)
+        self._lo, self._shape = np.zeros(3, np.int64), np.ones(3, np.int64)
+        self._lo[: self.ndim], self._shape[: self.ndim] = box.lo, box.hi - box.lo
 
     @property
     def nbytes(self) -> int:
@@ -151,32 +153,35 @@ def _in_space(at: Poses, ends: FloatArray) -> tuple[FloatArray, FloatArray, Floa
     return turns, np.pad(at.positions, ((0, 0), (0, 1))), np.pad(ends, ((0, 0), (0, 1)))
 
 
-def _distances(occupied: IntArray, far: int) -> tuple[npt.NDArray[np.uint16], IntArray, IntArray]:
-    """Squared distances to the nearest occupied cell [cells], `far` where they reach that.
+def _box_around(occupied: IntArray, margin: int, rows: int) -> Box:
+    """The cells so near to an occupied one along each axis, in which distances have so many rows.
+
+    Raises:
+        MapTooLargeError: they do not fit in memory.
+    """
+    if len(occupied) == 0:
+        return Box(*(np.zeros(occupied.shape[1], np.int64),) * 2)
+    box = Box(occupied.min(axis=0), occupied.max(axis=0) + 1).wider(margin)
+    needed, limit = _BYTES * box.size + _BYTES_OF_ROW * rows, memory_limit()
+    if needed > limit:
+        raise MapTooLargeError(
+            f"a likelihood field of {' x '.join(map(str, box.shape[::-1]))} cells takes "
+            f"{needed / 1e9:.3g} GB of memory (there are {limit / 1e9:.3g} GB): crop the map, "
+            "resample it to larger cells, or give a smaller max_distance"
+        )
+    return box
+
+
+def _distances(occupied: IntArray, box: Box, reach: int) -> Squared:
+    """Squared distances of the cells of a box to the nearest occupied one [cells^2].
 
     Returns:
-        The distances of a box around all cells nearer than that, flat, x fastest, its first cell
-        and its cells along each axis, shape (3,).
+        At most `reach` + 1, flat, x fastest, in as few bytes as hold them.
     """
-    from scipy.ndimage import distance_transform_edt
-
-    if len(occupied) == 0:
-        return np.empty(0, np.uint16), np.zeros(3, np.int64), np.zeros(3, np.int64)
-    ndim, margin = occupied.shape[1], math.isqrt(far - 1)
-    lo = occupied.min(axis=0) - margin
-    shape = occupied.max(axis=0) + margin + 1 - lo
-    needed = _BYTES * np.prod(shape.astype(np.float64))
-    if needed > memory_limit():
-        raise MapTooLargeError(
-            f"a likelihood field of {' x '.join(map(str, shape.tolist()))} cells takes "
-            f"{needed / 1e9:.3g} GB of memory (there are {memory_limit() / 1e9:.3g} GB): crop the "
-            "map, or resample it to larger cells"
-        )
-    nothing = np.ones(shape[::-1], np.bool_)
-    nothing[tuple((occupied - lo).T[::-1])] = False
-    distance = distance_transform_edt(nothing)
-    np.square(distance, out=distance)
-    np.minimum(distance, far, out=distance)
-    squared = np.rint(distance).astype(np.uint16).ravel()
-    flat = [(0, 3 - ndim)]
-    return squared, np.pad(lo, flat), np.pad(shape, flat, constant_values=1)
+    mask = np.zeros(box.shape, np.uint8)
+    ones = np.ones(len(occupied), np.uint8)
+    mark_cells(occupied, ones, box.lo, box.hi, mask.reshape(-1))
+    dtype = np.int32 if reach < none_of(np.int32) - 1 else np.int64
+    squared = squared_to(mask, box, box, reach, dtype, 1) if box.size else np.empty(0, dtype)
+    np.minimum(squared, reach + 1, out=squared)
+    return squared.astype(np.uint16 if reach < none_of(np.uint16) else dtype, copy=False).ravel()

@@ -3,16 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
-from oddsmap.array_types import IntArray
 from oddsmap.odds import Thresholds
 from oddsmap.query.beam_likelihood import BeamLikelihood
 from oddsmap.query.likelihood_field import LikelihoodField
+from oddsmap.query.obstacles import View
 from oddsmap.query.places import CellGrid
 from oddsmap.query.ray_caster import RayCaster
 from oddsmap.query.scan_at_poses import Frame
@@ -25,10 +21,6 @@ class _View(CellGrid, Protocol):
 
     def _map_from_cells(self) -> Frame | None: ...
 
-    def _state_parts(
-        self, thresholds: Thresholds | None
-    ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]: ...
-
     def ray_caster(self, *, thresholds: Thresholds | None = None) -> RayCaster: ...
 
 
@@ -38,7 +30,7 @@ class Localising:
     __slots__ = ()
 
     def likelihood_field(
-        self: _View,
+        self: View,
         range_max: float,
         *,
         sigma_hit: float = 0.2,
@@ -58,7 +50,7 @@ class Localising:
             sigma_hit: standard deviation of the distance [m].
             z_hit: weight of ends at obstacles.
             z_rand: weight of random readings.
-            max_distance: a larger distance counts as this [m], at most 255 cells.
+            max_distance: a larger distance counts as this [m].
             thresholds: what is free and what is occupied; None: the view's.
 
         Raises:
@@ -66,8 +58,8 @@ class Localising:
             MapTooLargeError: memory does not hold the box of occupied cells.
         """
         return LikelihoodField(
-            self, self._state_parts(thresholds), frame=self._map_from_cells(), range_max=range_max,
-            sigma_hit=sigma_hit, z_hit=z_hit, z_rand=z_rand, max_distance=max_distance,
+            self, thresholds=thresholds, range_max=range_max, sigma_hit=sigma_hit, z_hit=z_hit,
+            z_rand=z_rand, max_distance=max_distance,
         )  # fmt: skip
 
     def beam_likelihood(

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -12,8 +11,17 @@ import numpy as np
 from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import ConfigError
 from oddsmap.scans.scan import Scan
+from oddsmap.scans.scan_part import part_of
 
-__all__ = ["NO_BODY", "AngleWindow", "beams_within", "body_box", "check_body", "check_filters"]
+__all__ = [
+    "NO_BODY",
+    "AngleWindow",
+    "beams_within",
+    "body_box",
+    "check_body",
+    "check_filters",
+    "within_window",
+]
 
 AngleWindow = tuple[float, float] | None
 """Lowest and highest azimuth of a beam that counts [rad]; None: all count."""
@@ -99,32 +107,24 @@ def beams_within(scans: Sequence[Scan], window: AngleWindow) -> tuple[list[Scan]
     if window is None:
         return list(scans), {}
     # Scans of one sensor share their directions, and must go on to: that saves most of the time.
-    known: dict[int, tuple[BoolArray, FloatArray]] = {}
+    known: dict[tuple[int, int], tuple[BoolArray, FloatArray]] = {}
     kept, lost = [], {}
     for scan in scans:
-        key = id(scan.directions)
+        key = id(scan.directions), id(scan.own_vectors)
         if key not in known:
-            own = scan.own_vectors
-            within = _within(scan.directions if own is None else own, window)
+            within = within_window(scan, window)
             known[key] = within, scan.directions[within]
         within, directions = known[key]
-        times, origins = scan.beam_times_ns, scan.beam_origins
-        part = dataclasses.replace(
-            scan,
-            directions=directions,
-            ranges=scan.ranges[within],
-            beam_times_ns=None if times is None else times[within],
-            beam_origins=None if origins is None else origins[within],
-        )
-        if scan.own_vectors is not None:
-            object.__setattr__(part, "own_vectors", scan.own_vectors[within])
+        part = part_of(scan, within, directions)
         kept.append(part)
         lost[id(part)] = scan.size - part.size
     return kept, lost
 
 
-def _within(directions: FloatArray, window: tuple[float, float]) -> BoolArray:
+def within_window(scan: Scan, window: tuple[float, float]) -> BoolArray:
+    """Whether the azimuth of each beam lies in a window, shape (n,)."""
     low, high = window
+    directions = scan.directions if scan.own_vectors is None else scan.own_vectors
     azimuth = np.arctan2(directions[:, 1], directions[:, 0])
     # By whole turns from the lower limit: a window may lie across the back.
     after = np.mod(azimuth - low + _AT_LIMIT, 2 * math.pi)

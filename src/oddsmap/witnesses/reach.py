@@ -8,7 +8,6 @@ left out only where it passes by at a distance, or ends well before.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -17,7 +16,7 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.scans.scan import Scan
 from oddsmap.sensors.registry import Sensor
 
-__all__ = ["beams_near", "part_of"]
+__all__ = ["beams_near"]
 
 # Half the diagonal of a cell is 0.71 (2D) or 0.87 sides (3D); what directions in single precision
 # are off by at 100 m is a fraction of a millimetre.
@@ -56,21 +55,3 @@ def beams_near(scan: Scan, centre: FloatArray, resolution: float, sensor: Sensor
     with np.errstate(invalid="ignore"):
         may &= (scan.ranges + width + near >= along) | (scan.ranges >= far)
     return np.flatnonzero(may)
-
-
-def part_of(scan: Scan, chosen: IntArray) -> Scan:
-    """A scan of some beams alone."""
-    times, origins = scan.beam_times_ns, scan.beam_origins
-    part = dataclasses.replace(
-        scan,
-        directions=scan.directions[chosen],
-        ranges=scan.ranges[chosen],
-        beam_times_ns=None if times is None else times[chosen],
-        beam_origins=None if origins is None else origins[chosen],
-        trusted=True,
-    )
-    for name in ("measured_points", "own_vectors"):
-        vectors = getattr(scan, name)
-        object.__setattr__(part, name, None if vectors is None else vectors[chosen])
-    object.__setattr__(part, "stated", scan.stated)
-    return part

@@ -29,8 +29,9 @@ from oddsmap.scans.log import Log, parts_of
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
+from oddsmap.scans.scan_part import part_of
 from oddsmap.sensors.registry import KINDS, Sensor, sensor_of_log
-from oddsmap.witnesses.reach import beams_near, part_of
+from oddsmap.witnesses.reach import beams_near
 
 __all__ = ["Explanation", "ScanVote", "why"]
 

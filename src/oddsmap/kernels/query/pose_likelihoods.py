@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +34,7 @@ class BeamMixture(NamedTuple):
 
 @borrowing
 def field_log_likelihoods(
-    squared: npt.NDArray[np.uint16],
+    squared: npt.NDArray[Any],
     lo: IntArray,
     shape: IntArray,
     in_space: bool,
@@ -49,7 +49,8 @@ def field_log_likelihoods(
 
     Args:
         squared: squared distance of each cell of a box to the nearest occupied one [cells],
-            x fastest, flat; one that is too far has the last row of `log_p`.
+            x fastest, flat, in 2 bytes where they fit; one that is too far has the last row of
+            `log_p`.
         lo: first cell of the box, shape (3,), x first.
         shape: cells along each axis, shape (3,).
         in_space: False: the map is 2D, z is not looked at, which is 1.2 times as fast.
