@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.scans.note import Note
 
-__all__ = ["doubts_of_difference", "doubts_of_sum", "votes_differ"]
+__all__ = ["doubts_of_difference", "doubts_of_sum", "frames_differ", "votes_differ"]
 
 
 def doubts_of_sum(total: EvidenceMap, more: EvidenceMap) -> Iterator[Note]:
@@ -33,6 +33,8 @@ def doubts_of_sum(total: EvidenceMap, more: EvidenceMap) -> Iterator[Note]:
         )  # fmt: skip
     if said := votes_differ(total, more):
         yield Note(said, code="merge.resampled", severity="warning")
+    if said := frames_differ(total, more):
+        yield Note(said, code="merge.rotated", severity="warning")
     changes = [
         f"{section}.{name} is {_word(theirs)}, and {_word(own[name])} in the first map"
         for section, own, other in zip(
@@ -76,6 +78,22 @@ def votes_differ(one: Evidence, other: Evidence) -> str | None:
         f"it is {theirs}, the first map {own}: a larger cell has the votes of all that lie in it, "
         "so the two weigh readings differently"
     )
+
+
+def frames_differ(one: Evidence, other: Evidence) -> str | None:
+    """What to say where one log was mapped twice, and one of the two maps was turned since."""
+    made = [_turns(grid) for grid in (one, other)]
+    logs = [{log for entry in grid.provenance if (log := _log_of(entry))} for grid in (one, other)]
+    if made[0] == made[1] or not logs[0] & logs[1]:
+        return None
+    own, theirs = (f"turned ({', '.join(turns)})" if turns else "not turned" for turns in made)
+    return (
+        f"it is {theirs}, the first map {own}, and both are of one log: they are not of one frame"
+    )
+
+
+def _turns(grid: Evidence) -> list[str]:
+    return [str(entry["rotated"]) for entry in grid.provenance if "rotated" in entry]
 
 
 def _resampled_from(grid: Evidence) -> list[float]:
