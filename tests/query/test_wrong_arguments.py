@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,7 +73,7 @@ def test_one_matrix_alone(space: LogOdds) -> None:
         with pytest.raises(InputError, match=r"one alone is \[pose\]"):
             space.information_gain(pose, [[1, 0, 0]], 5.0)
     assert space.information_gain([np.eye(4)], [[1, 0, 0]], 5.0).shape == (1,)
-    mixed = [oddsmap.Pose3(np.zeros(3), np.eye(3)), np.eye(4)]
+    mixed: list[Any] = [oddsmap.Pose3(np.zeros(3), np.eye(3)), np.eye(4)]
     assert space.information_gain(mixed, [[1, 0, 0]], 5.0).shape == (2,)
     assert space.information_gain([], [[1, 0, 0]], 5.0).shape == (0,)
 
