@@ -82,18 +82,31 @@ def votes_differ(one: Evidence, other: Evidence) -> str | None:
 
 def frames_differ(one: Evidence, other: Evidence) -> str | None:
     """What to say where one log was mapped twice, and one of the two maps was turned since."""
-    made = [_turns(grid) for grid in (one, other)]
+    own, theirs = _turns(one), _turns(other)
     logs = [{log for entry in grid.provenance if (log := _log_of(entry))} for grid in (one, other)]
-    if made[0] == made[1] or not logs[0] & logs[1]:
+    if bool(own) == bool(theirs) or not logs[0] & logs[1]:
         return None
-    own, theirs = (f"turned ({', '.join(turns)})" if turns else "not turned" for turns in made)
+    which = "it is" if theirs else "the first map is"
     return (
-        f"it is {theirs}, the first map {own}, and both are of one log: they are not of one frame"
+        f"{which} turned ({', then '.join(own or theirs)}), and both are of one log: they are not "
+        "of one frame"
     )
 
 
 def _turns(grid: Evidence) -> list[str]:
-    return [str(entry["rotated"]) for entry in grid.provenance if "rotated" in entry]
+    """How a map was turned; empty where it was turned back since."""
+    from oddsmap.evidence.frames import axes_of
+
+    found = [str(entry["rotated"]) for entry in grid.provenance if "rotated" in entry]
+    upright = [(axis, False) for axis in range(grid.ndim)]
+    axes = upright
+    for stated in found:
+        source, is_reversed = axes_of(stated, grid.ndim)
+        axes = [
+            (axes[old][0], axes[old][1] != flipped)
+            for old, flipped in zip(source, is_reversed, strict=True)
+        ]
+    return [] if axes == upright else found
 
 
 def _resampled_from(grid: Evidence) -> list[float]:
