@@ -73,7 +73,7 @@ def test_boxes(name: str) -> None:
     ask([0, 0], [4, 5])
     ask(np.array([0, 0], np.uint8), np.array([4, 5], np.int32))
     for lo, hi in (([0.0, 0.0], [0.4, 0.5]), ([0, 0], [4.0, 5.0]), (["0", "0"], [4, 5])):
-        with pytest.raises(InputError, match=r"whole numbers, got .*floor\(metres / resolution\)"):
+        with pytest.raises(InputError, match=r"whole numbers, got .*cell_of\(points\)"):
             ask(lo, hi)
     with pytest.raises(InputError, match="lo <= hi of 2 indices"):
         ask([0, 0], [-1, 5])

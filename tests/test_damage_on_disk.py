@@ -46,7 +46,7 @@ def outcomes(kind: str, path: Path, tries: int, seed: int) -> Counter[str]:
 def test_no_flipped_bit_makes_another_map(kind: str, tmp_path: Path) -> None:
     found = outcomes(kind, tmp_path / "a.zarr", 60, seed=1)
     assert found["another"] == found["pages"] == 0
-    assert found["refused"] > 40
+    assert found["refused"] > 30  # the centres of cells are there for others, and not read
 
 
 @pytest.mark.slow

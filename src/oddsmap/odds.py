@@ -12,7 +12,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError
 
-__all__ = ["State", "Thresholds", "logit", "sigmoid"]
+__all__ = ["State", "Thresholds", "decided_by", "logit", "sigmoid"]
 
 
 def logit(p: npt.ArrayLike) -> FloatArray:
@@ -61,3 +61,18 @@ class Thresholds:
         state[probability >= self.occupied] = State.OCCUPIED
         state[~observed] = State.UNKNOWN
         return state
+
+
+def decided_by(given: Thresholds | None, own: Thresholds) -> Thresholds:
+    """The thresholds that are given, or else a map's own.
+
+    Raises:
+        ConfigError: what is given is something else, such as one probability.
+    """
+    if given is None:
+        return own
+    if not isinstance(given, Thresholds):
+        raise ConfigError(
+            f"thresholds are oddsmap.Thresholds(free=0.196, occupied=0.65), got {given!r}"
+        )
+    return given

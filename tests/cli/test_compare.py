@@ -79,7 +79,7 @@ def test_maps_without_a_common_cell(run: Run, tmp_path: Path) -> None:
     one, other = (save(tmp_path / f"{x}.zarr", {(x, 0): FREE}) for x in (1, 2))
     done = run("compare", one, other)
     assert done.out.splitlines() == [
-        "both     0 cells known in both",
+        "both     0 cells known in both: are the maps of one frame?",
         "alone    1 cells known in the first alone, 1 in the second",
     ]
     assert run("compare", one, other, "--json").json["agreement"] is None

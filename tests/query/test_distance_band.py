@@ -60,6 +60,18 @@ def test_the_distances_of_a_field(
     assert np.isinf(band.at_cells(np.full((1, ndim), 10**9))).all()
 
 
+@pytest.mark.parametrize(("ndim", "max_distance"), [(2, 20.0), (3, 7.0)])
+def test_distances_of_many_blocks(ndim: int, max_distance: float) -> None:
+    view = grid(ndim, 5, 3, 200 if ndim == 2 else 40).log_odds()
+    band = view.distance_band(max_distance)
+    lo, hi = view.bounds() or (np.zeros(ndim, np.int64),) * 2
+    around = math.ceil(max_distance / 0.1) + 2
+    field = view.distance_field(max_distance, region=(lo - around, hi + around))
+    index, distance = band.cells()
+    assert len(index) == np.count_nonzero(np.isfinite(field.distance))
+    assert np.array_equal(distance, field.at_cells(index))
+
+
 def test_memory_goes_with_obstacles_and_threads_change_nothing() -> None:
     made = oddsmap.EvidenceMap(0.1, ndim=3)
     far = np.array([[0, 0, 0], [100_000, 50_000, 7], [-80_000, 3, 900]])

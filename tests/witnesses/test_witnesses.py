@@ -55,6 +55,7 @@ MAPS: dict[str, tuple[Any, dict[str, Any]]] = {
     "window": (FLAT, {"sensor": BeamSensor(angle_min=-1.0, angle_max=2.0)}),
     "body": (FLAT, {"sensor": BeamSensor(body_min=(-2.0, -2.0), body_max=(2.0, 1.0))}),
     "half-life": (stamped(FLAT), {"half_life": 2.0}),
+    "half-life in scans": (FLAT, {"half_life_scans": 3.0}),
     "points": (from_points(FLAT), {}),
     "moving": (moving(FLAT), {"votes": "beam"}),
     "cones": (FLAT, {"sensor": ConeSensor(cone_deg=20.0, range_max=5.0, clear_range=4.0)}),
@@ -242,3 +243,11 @@ def test_images_name_their_pixels() -> None:
     assert np.allclose(
         vote.ranges[vote.beam_hits > 0], depth * image.camera.range_per_depth[rows, columns]
     )
+
+
+def test_what_is_no_map_with_counts() -> None:
+    scans = random_scans(1, 2)
+    grid = oddsmap.build_map(scans, CELL)
+    for wrong in (grid.log_odds(), scans, "hall.zarr"):
+        with pytest.raises(InputError, match="of a map that counts hits and passes, an EvidenceM"):
+            oddsmap.why(wrong, scans, (0.0, 0.0))  # type: ignore[arg-type]

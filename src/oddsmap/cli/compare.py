@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from oddsmap.cli.made_of_maps import SavedMap, read_map
-from oddsmap.cli.merge_doubts import votes_differ
+from oddsmap.cli.merge_doubts import frames_differ, votes_differ
 from oddsmap.cli.options import Quiet, Verbose, force_option, json_option
 from oddsmap.cli.progress import working
 from oddsmap.cli.voice import Voice
@@ -117,6 +117,8 @@ def _notes(first: LogOdds, second: LogOdds) -> Iterator[str]:
         yield Note(settings, code="compare.settings")
     if said := votes_differ(first.evidence, second.evidence):
         yield Note(said, code="compare.resampled", severity="warning")
+    if said := frames_differ(first.evidence, second.evidence):
+        yield Note(said, code="compare.rotated", severity="warning")
 
 
 def _facts(found: Comparison) -> dict[str, Any]:
@@ -140,7 +142,8 @@ def _facts(found: Comparison) -> dict[str, Any]:
 
 
 def _lines(found: Comparison) -> Iterator[str]:
-    yield f"both     {found.both:,} cells known in both"
+    apart = "" if found.both else ": are the maps of one frame?"
+    yield f"both     {found.both:,} cells known in both{apart}"
     if found.both:
         yield f"agree    {found.agreement:.2%} have the same state"
         if found.decided:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.scans.note import Note
 
-__all__ = ["doubts_of_difference", "doubts_of_sum", "votes_differ"]
+__all__ = ["doubts_of_difference", "doubts_of_sum", "frames_differ", "votes_differ"]
 
 
 def doubts_of_sum(total: EvidenceMap, more: EvidenceMap) -> Iterator[Note]:
@@ -33,6 +33,8 @@ def doubts_of_sum(total: EvidenceMap, more: EvidenceMap) -> Iterator[Note]:
         )  # fmt: skip
     if said := votes_differ(total, more):
         yield Note(said, code="merge.resampled", severity="warning")
+    if said := frames_differ(total, more):
+        yield Note(said, code="merge.rotated", severity="warning")
     changes = [
         f"{section}.{name} is {_word(theirs)}, and {_word(own[name])} in the first map"
         for section, own, other in zip(
@@ -76,6 +78,35 @@ def votes_differ(one: Evidence, other: Evidence) -> str | None:
         f"it is {theirs}, the first map {own}: a larger cell has the votes of all that lie in it, "
         "so the two weigh readings differently"
     )
+
+
+def frames_differ(one: Evidence, other: Evidence) -> str | None:
+    """What to say where one log was mapped twice, and one of the two maps was turned since."""
+    own, theirs = _turns(one), _turns(other)
+    logs = [{log for entry in grid.provenance if (log := _log_of(entry))} for grid in (one, other)]
+    if bool(own) == bool(theirs) or not logs[0] & logs[1]:
+        return None
+    which = "it is" if theirs else "the first map is"
+    return (
+        f"{which} turned ({', then '.join(own or theirs)}), and both are of one log: they are not "
+        "of one frame"
+    )
+
+
+def _turns(grid: Evidence) -> list[str]:
+    """How a map was turned; empty where it was turned back since."""
+    from oddsmap.evidence.frames import axes_of
+
+    found = [str(entry["rotated"]) for entry in grid.provenance if "rotated" in entry]
+    upright = [(axis, False) for axis in range(grid.ndim)]
+    axes = upright
+    for stated in found:
+        source, is_reversed, _ = axes_of(stated, grid.ndim)
+        axes = [
+            (axes[old][0], axes[old][1] != flipped)
+            for old, flipped in zip(source, is_reversed, strict=True)
+        ]
+    return [] if axes == upright else found
 
 
 def _resampled_from(grid: Evidence) -> list[float]:

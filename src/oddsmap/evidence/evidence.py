@@ -103,7 +103,8 @@ class Evidence(CountedCells):
             )
         if self.ndim != other.ndim:
             raise InputError(
-                f"maps of different ndim cannot be {done}: {self.ndim} here, {other.ndim} there"
+                f"maps of different ndim cannot be {done}: one is {self.ndim}D, the other "
+                f"{other.ndim}D"
             )
         check_same_kind(self.config, other.config, any_sensor=any_sensor, done=done)
 
@@ -178,7 +179,7 @@ class Evidence(CountedCells):
             raise ConfigError("a map is turned by axes or by up: give one of the two")
         if up is not None and self.ndim != 3:
             raise ConfigError('up turns maps of space, this one is 2D: give axes, such as "y -x"')
-        stated = axes_of_up(up) if up is not None else str(axes)
+        stated = axes_of_up(up) if up is not None else " ".join(str(axes).replace(",", " ").split())
         way = axes_of(stated, self.ndim)
         other = self.like()
         turned(other.tiles, self.tiles, way)

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import box_cells, cell_indices
 from oddsmap.errors import InputError
-from oddsmap.odds import Thresholds
+from oddsmap.odds import Thresholds, decided_by
 from oddsmap.query.places import check_places, points_in
 from oddsmap.query.queries import PointStates, Queries
 from oddsmap.query.scan_at_poses import Frame
@@ -119,7 +119,7 @@ class ProbabilityMap(Queries):
         p, observed = self._probability_at(cells), np.zeros(len(cells), np.bool_)
         inside, place = self._inside(cells)
         observed[inside] = self.observed[place]
-        return PointStates(cells, p, (thresholds or Thresholds()).state(p, observed))
+        return PointStates(cells, p, decided_by(thresholds, Thresholds()).state(p, observed))
 
     def _state_parts(
         self, thresholds: Thresholds | None, within: Region | None = None
@@ -137,7 +137,7 @@ class ProbabilityMap(Queries):
         Args:
             thresholds: what is free and what is occupied; by default 0.196, 0.65.
         """
-        return (thresholds or Thresholds()).state(self.probability, self.observed)
+        return decided_by(thresholds, Thresholds()).state(self.probability, self.observed)
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the observed cells as arrays, without counts: `oddsmap.map_files.npz.save_npz`.

@@ -22,7 +22,7 @@ from oddsmap.cell_index import cell_box, cell_indices
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.map_files.fields import LeafPart, OfLogOdds, PointPart
 from oddsmap.map_files.morton import MORTON_BITS, morton
-from oddsmap.odds import State, Thresholds, sigmoid
+from oddsmap.odds import State, Thresholds, decided_by, sigmoid
 from oddsmap.query.queries import PointStates, Queries
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ class VoxelMap(Queries):
     def leaf_state(self, *, thresholds: Thresholds | None = None) -> npt.NDArray[np.int8]:
         """Decide each leaf: values of `State`, shape (n,)."""
         known = np.ones(len(self.index), np.bool_)
-        return (thresholds or Thresholds()).state(self.probability, known)
+        return decided_by(thresholds, Thresholds()).state(self.probability, known)
 
     def state(
         self, region: Region | None = None, *, thresholds: Thresholds | None = None
@@ -162,7 +162,7 @@ class VoxelMap(Queries):
         index, probability = self.cells((lo, hi), max_cells=_MAX_BOX)
         x, y, z = (index - lo).T
         known = np.ones(len(index), np.bool_)
-        state[z, y, x] = (thresholds or Thresholds()).state(probability, known)
+        state[z, y, x] = decided_by(thresholds, Thresholds()).state(probability, known)
         return state
 
     def leaves(self, shift: Shift | None = None) -> VoxelMap:
@@ -252,7 +252,7 @@ class VoxelMap(Queries):
         self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
         index, p = self.cells(within)
-        yield index, (thresholds or Thresholds()).state(p, np.ones(len(p), np.bool_))
+        yield index, decided_by(thresholds, Thresholds()).state(p, np.ones(len(p), np.bool_))
 
     def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:
         yield self.cells()

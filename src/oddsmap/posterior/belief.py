@@ -17,7 +17,7 @@ from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.map_files.fields import PlanePart, PointPart
 from oddsmap.maps.probability_map import ProbabilityMap
-from oddsmap.odds import Thresholds, sigmoid
+from oddsmap.odds import Thresholds, decided_by, sigmoid
 from oddsmap.query.queries import PointStates, Queries
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class Belief(Queries, ABC):
             thresholds: what is free and what is occupied; by default this view's.
         """
         box = self._region(region)
-        limits = thresholds or self.thresholds
+        limits = decided_by(thresholds, self.thresholds)
         return limits.state(self.probability(box), observed=self.observed(box))
 
     def cells(self) -> tuple[IntArray, FloatArray]:
@@ -347,13 +347,13 @@ class Belief(Queries, ABC):
 
     def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates:
         p = sigmoid(self.log_odds_at(cells))
-        state = (thresholds or self.thresholds).state(p, self.observed_at(cells))
+        state = decided_by(thresholds, self.thresholds).state(p, self.observed_at(cells))
         return PointStates(cells, p, state)
 
     def _state_parts(
         self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
-        limits = thresholds or self.thresholds
+        limits = decided_by(thresholds, self.thresholds)
         return self.parts(lambda x: limits.state(sigmoid(x), np.ones(x.shape, np.bool_)))
 
     def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:

@@ -29,7 +29,7 @@ from oddsmap.kernels.units import ONE
 from oddsmap.map_files.fields import Leaves, OfLogOdds, PlanePart, PointPart
 from oddsmap.map_files.octomap_range import HALF, Shift
 from oddsmap.maps.probability_map import ProbabilityMap
-from oddsmap.odds import Thresholds, logit, sigmoid
+from oddsmap.odds import Thresholds, decided_by, logit, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import PriorMap, PriorSource
 from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
@@ -80,7 +80,7 @@ class CountView(Belief):
         self.prior = evidence.config.posterior.prior
         if isinstance(prior, int | float | np.number):
             self.prior, prior = float(prior), None
-        self.thresholds = thresholds or evidence.config.posterior.thresholds
+        self.thresholds = decided_by(thresholds, evidence.config.posterior.thresholds)
         if not 0.0 < self.prior < 1.0:
             raise ConfigError(f"prior is a probability between 0 and 1, got {self.prior}")
         if clamp is not None and not 0.0 < clamp[0] < clamp[1] < 1.0:
@@ -246,7 +246,7 @@ class CountView(Belief):
     def _state_parts(
         self, thresholds: Thresholds | None, within: Region | None = None
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
-        limits = thresholds or self.thresholds
+        limits = decided_by(thresholds, self.thresholds)
         states = self._of_cells(lambda x: limits.state(sigmoid(x), np.ones(x.shape, np.bool_)))
         for index, hits, passes in self.evidence.tiles.parts(within=within):
             yield index, states(hits, passes, partial(np.asarray, index))
@@ -254,7 +254,7 @@ class CountView(Belief):
     def _state_marks(self, marks: Marks, thresholds: Thresholds | None, within: Region) -> Marks:
         if self.prior_map is not None:
             return super()._state_marks(marks, thresholds, within)
-        limits = thresholds or self.thresholds
+        limits = decided_by(thresholds, self.thresholds)
 
         def of_votes(hits: FloatArray, passes: FloatArray) -> Marks:
             p = sigmoid(self.of_votes(hits, passes))
@@ -302,7 +302,7 @@ class CountView(Belief):
     def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates:
         hits, passes = self.evidence.tiles.at(cells)
         p = self._p_of(cells, hits, passes)
-        state = (thresholds or self.thresholds).state(p, (hits | passes) > 0)
+        state = decided_by(thresholds, self.thresholds).state(p, (hits | passes) > 0)
         return PointStates(cells, p, state, hits / ONE, passes / ONE)
 
     def _p_of(self, cells: IntArray, hits: IntArray, passes: IntArray) -> FloatArray:

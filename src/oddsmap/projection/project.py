@@ -20,7 +20,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.maps.voxel_map import VoxelMap
-from oddsmap.odds import Thresholds, logit, sigmoid
+from oddsmap.odds import Thresholds, decided_by, logit, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.count_view import CountView
 from oddsmap.posterior.log_odds import LogOdds
@@ -111,7 +111,8 @@ def project(
     )
     probability = sigmoid(judged.log_odds)
     probability[~judged.known] = view.prior if isinstance(view, Belief) else 0.5
-    limits = thresholds or (view.thresholds if isinstance(view, Belief) else Thresholds())
+    own = view.thresholds if isinstance(view, Belief) else Thresholds()
+    limits = decided_by(thresholds, own)
     return ProbabilityMap(
         probability=probability.reshape(columns.shape),
         observed=judged.known.reshape(columns.shape),

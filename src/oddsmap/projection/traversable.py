@@ -26,13 +26,14 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.maps.voxel_map import VoxelMap
-from oddsmap.odds import Thresholds, sigmoid
+from oddsmap.odds import Thresholds, decided_by, sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.projection.columns import Columns
 from oddsmap.projection.floor import Limits, Verdict, judge_columns
 from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
+from oddsmap.query.given_numbers import check_numbers
 
 __all__ = ["Traversability", "traversable"]
 
@@ -121,10 +122,19 @@ def traversable(
         )
     if view.ndim != 3:
         raise InputError("a floor needs a 3D map, this one is 2D")
+    check_numbers(
+        robot_height=robot_height, robot_radius=robot_radius, max_step=max_step,
+        max_slope_deg=max_slope_deg,
+    )  # fmt: skip
+    if ground is not None and not isinstance(ground, GroundPlane | GroundSurface):
+        raise InputError(
+            "the ground is a GroundPlane or a GroundSurface, or None to find it in the map; got "
+            f"{ground!r}"
+        )
     limits = Limits(robot_height, max_step, math.tan(math.radians(max_slope_deg)), robot_radius)
     _check(limits, max_slope_deg, view.resolution)
     own = view.thresholds if isinstance(view, Belief) else Thresholds()
-    states = thresholds or own
+    states = decided_by(thresholds, own)
     box = view.bounds()
     if box is None:
         nothing = np.zeros((0, 0))

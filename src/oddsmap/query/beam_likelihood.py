@@ -10,6 +10,7 @@ import numpy as np
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError
 from oddsmap.kernels.query.pose_likelihoods import BeamMixture, beam_log_likelihoods, place_beams
+from oddsmap.query.given_numbers import check_numbers
 from oddsmap.query.pose_batches import over_poses
 from oddsmap.query.ray_caster import RayCaster
 from oddsmap.query.scan_at_poses import Frame, Poses, PosesLike, ScanBeams
@@ -70,6 +71,7 @@ class BeamLikelihood:
             ("sigma_hit", sigma_hit),
             ("lambda_short", lambda_short),
         ):
+            check_numbers(**{name: value})
             if not 0.0 < value < math.inf:
                 raise ConfigError(f"{name} lies above 0, got {value}")
         weights = {"z_hit": z_hit, "z_short": z_short, "z_max": z_max, "z_rand": z_rand}

@@ -34,6 +34,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.odds import State, Thresholds
 from oddsmap.query.boxes import Box
 from oddsmap.query.distance_field import box_given
+from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.obstacles import View
 from oddsmap.query.places import Framed
 from oddsmap.query.squared_distances import squared_to
@@ -206,11 +207,11 @@ def inflate(
         )
     if costs.size and not 0 <= int(costs.min()) <= int(costs.max()) <= Costmap.NO_INFORMATION:
         raise InputError(f"costs are 0 to 255, got {costs.min()} to {costs.max()}")
+    check_numbers(resolution=resolution)
     if not 0.0 < resolution < math.inf:
         raise InputError(f"a map needs a positive resolution [m], got {resolution}")
     table = _by_distance(resolution, inscribed_radius, inflation_radius, cost_scaling_factor)
-    if threads < 1:
-        raise ConfigError(f"threads are at least 1, got {threads}")
+    check_threads(threads)
     old = costs.astype(np.uint8)
     lethal = old == Costmap.LETHAL
     if inflate_around_unknown:
@@ -232,12 +233,14 @@ def _by_distance(
         ("inflation_radius", inflation_radius),
         ("cost_scaling_factor", scaling),
     ):
+        check_numbers(**{name: value})
         if not 0.0 <= value < math.inf:
             raise ConfigError(f"{name} is at least 0 and finite, got {value}")
     if inflation_radius < inscribed_radius:
         raise ConfigError(
             f"inflation_radius {inflation_radius:g} m is less than inscribed_radius "
-            f"{inscribed_radius:g} m: cells in which the robot collides would be free"
+            f"{inscribed_radius:g} m: cells in which the robot collides would be free; give "
+            "a larger inflation_radius"
         )
     cells = math.ceil(inflation_radius / resolution)
     if cells > _MOST_CELLS:

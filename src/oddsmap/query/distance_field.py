@@ -15,6 +15,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.kernels.query.distances import FAR
 from oddsmap.limits import in_metres
 from oddsmap.query.boxes import Box
+from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.obstacles import Obstacles, View, Watch
 from oddsmap.query.places import Framed
 from oddsmap.query.renewal import boxes_to_renew
@@ -70,10 +71,10 @@ class DistanceField(Framed):
         signed: bool,
         threads: int,
     ) -> None:
+        check_numbers(max_distance=max_distance)
         if max_distance is not None and not max_distance > 0.0:
             raise ConfigError(f"max_distance is a length above 0 [m], got {max_distance}")
-        if threads < 1:
-            raise ConfigError(f"threads are at least 1, got {threads}")
+        check_threads(threads)
         self.ndim, self.resolution = view.ndim, view.resolution
         self.signed, self.max_distance = signed, max_distance
         self._obstacles, self._given = obstacles, box
@@ -190,9 +191,14 @@ class DistanceField(Framed):
             How many cells were worked out anew.
 
         Raises:
-            InputError: another dimension, resolution or frame.
+            InputError: no view, or one of another dimension, resolution or frame.
             MapTooLargeError: the map has grown, and the field does not fit in memory.
         """
+        if not hasattr(view, "_map_from_cells"):
+            raise InputError(
+                "a field is updated from a view, such as grid.log_odds(), got "
+                f"{type(view).__name__}"
+            )
         frame = view._map_from_cells()
         if (view.ndim, view.resolution) != (self.ndim, self.resolution) or not _same(
             frame, self.map_from_cells
@@ -337,6 +343,7 @@ class DistanceField(Framed):
         Raises:
             ConfigError: the radius is outside its range.
         """
+        check_numbers(radius=radius)
         if not radius >= 0.0 or (self.max_distance is not None and radius > self.max_distance):
             most = "" if self.max_distance is None else f" and at most {self.max_distance:g}"
             raise ConfigError(f"a radius is at least 0 [m]{most}, got {radius}")

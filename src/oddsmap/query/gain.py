@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from numbers import Real
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -17,6 +18,7 @@ from oddsmap.kernels.query.gains import MAX_REACH, Met, Told, add_up_gains, gain
 from oddsmap.limits import memory_limit
 from oddsmap.poses.given_pose import PoseLike, pose_of
 from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.places import CellGrid, check_places, points_in
 from oddsmap.query.row_blocks import fill_rows
 
@@ -71,6 +73,9 @@ def expected_gains(
             and translation [m], shape (d,).
     """
     d = grid.ndim
+    check_numbers(
+        max_range=max_range, clear_range=clear_range, p_hit=p_hit, p_miss=p_miss, unknown=unknown
+    )
     clear = max_range if clear_range is None else clear_range
     _check(max_range / grid.resolution, clear / grid.resolution, p_hit, p_miss, unknown)
     _check_words(votes, measure, threads)
@@ -173,11 +178,10 @@ def _entropy(p: FloatArray) -> FloatArray:
 def _taken_apart(poses: PosesLike, ndim: int) -> tuple[FloatArray, FloatArray]:
     """Rotations, shape (n, d, d), and translations [m], shape (n, d)."""
     kind, form = (Pose2, "(n, 3) of x, y, yaw") if ndim == 2 else (Pose3, "(n, 4, 4) of matrices")
-    if (
-        isinstance(poses, Pose2 | Pose3)
-        or np.ndim(poses if isinstance(poses, np.ndarray) else 0) == 1
-    ):
-        raise InputError("poses are a list of them, or an array of shape " + form + ": [pose]")
+    if isinstance(poses, Pose2 | Pose3) or _is_one(poses, ndim):
+        raise InputError(
+            f"poses are a list of them, or an array of shape {form}: one alone is [pose]"
+        )
     if not np.iterable(poses):
         raise InputError(f"poses are a list of them, or an array of shape {form}, got {poses!r}")
     found = [pose_of(pose) for pose in poses]
@@ -189,6 +193,15 @@ def _taken_apart(poses: PosesLike, ndim: int) -> tuple[FloatArray, FloatArray]:
     if not np.isfinite(rotations).all():
         raise InputError("a pose is not finite: leave it out")
     return rotations, places
+
+
+def _is_one(poses: object, ndim: int) -> bool:
+    """Whether numbers are those of one pose."""
+    if isinstance(poses, np.ndarray | list | tuple) and len(poses):
+        first = poses[0]
+        row = ndim == 3 and len(poses) == 4 and np.shape(first) == (4,)  # of a matrix
+        return isinstance(first, Real) or row
+    return False
 
 
 def _check(reach: float, clear: float, p_hit: float, p_miss: float, unknown: float) -> None:
@@ -212,5 +225,4 @@ def _check_words(votes: str, measure: str, threads: int) -> None:
         raise ConfigError(f'votes is "scan" or "beam", got {votes!r}')
     if measure not in get_args(Measure):
         raise ConfigError(f'measure is "information" or "entropy", got {measure!r}')
-    if threads < 1:
-        raise ConfigError(f"threads are at least 1, got {threads}")
+    check_threads(threads)

@@ -14,6 +14,7 @@ from oddsmap.kernels.query.pose_likelihoods import field_log_likelihoods
 from oddsmap.limits import memory_limit
 from oddsmap.odds import Thresholds
 from oddsmap.query.boxes import Box
+from oddsmap.query.given_numbers import check_numbers
 from oddsmap.query.obstacles import Obstacles, View
 from oddsmap.query.pose_batches import over_poses
 from oddsmap.query.scan_at_poses import Poses, PosesLike, ScanBeams
@@ -73,6 +74,7 @@ class LikelihoodField:
             ("sigma_hit", sigma_hit),
             ("max_distance", max_distance),
         ):
+            check_numbers(**{name: value})
             if not 0.0 < value < math.inf:
                 raise ConfigError(f"{name} is a length above 0 [m], got {value}")
         if not (0.0 < z_hit < math.inf and 0.0 <= z_rand < math.inf):

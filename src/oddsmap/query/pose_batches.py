@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from oddsmap.array_types import FloatArray
-from oddsmap.errors import ConfigError
+from oddsmap.query.given_numbers import check_threads
 
 __all__ = ["over_poses"]
 
@@ -31,8 +31,7 @@ def over_poses(
     Raises:
         ConfigError: less than one thread.
     """
-    if threads < 1:
-        raise ConfigError(f"threads are at least 1, got {threads}")
+    check_threads(threads)
     out = np.zeros(count)
     if beams == 0:
         return out

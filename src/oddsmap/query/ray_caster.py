@@ -17,6 +17,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.kernels.query.rays import walk_rays
 from oddsmap.kernels.query.stop_tree import SIDE_BITS, StopTree
 from oddsmap.odds import State
+from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.places import CellGrid, check_places, points_in
 from oddsmap.query.scan_at_poses import Frame
 from oddsmap.query.state_blocks import bit_of, fill_blocks
@@ -107,10 +108,10 @@ class RayCaster:
         threads: int = 1,
     ) -> RayHits:
         """The first cell that ends each ray: arguments and errors as in `Queries.cast_rays`."""
+        check_numbers(max_range=max_range)
         if not max_range > 0.0:
             raise ConfigError(f"max_range is a length above 0 [m], got {max_range}")
-        if threads < 1:
-            raise ConfigError(f"threads are at least 1, got {threads}")
+        check_threads(threads)
         start, way = rays_in(self, self._frame, origins, directions)
         place = start / self.resolution
         walk = self.walker(until)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import TypeAlias
 
 import numpy as np
@@ -63,6 +64,8 @@ class ScanBeams:
             )
         if scan.directions.shape[1] != ndim:
             raise InputError(f"the scan is {scan.directions.shape[1]}D, the map {ndim}D")
+        if max_beams is not None and not isinstance(max_beams, Integral):
+            raise ConfigError(f"max_beams is a whole number, got {max_beams!r}")
         if max_beams is not None and not max_beams >= 1:
             raise ConfigError(f"max_beams is at least 1, got {max_beams}")
         chosen = np.arange(scan.size)

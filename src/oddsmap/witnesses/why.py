@@ -20,6 +20,7 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import ndim_of
+from oddsmap.integrate.forgetting import numbered
 from oddsmap.integrate.threads import WorkerPool
 from oddsmap.integrate.toy_map import compile_kernels
 from oddsmap.kernels.units import ONE
@@ -121,15 +122,24 @@ def why(
         progress: called with the number of scans looked at so far.
 
     Raises:
-        InputError: the point has no cell, what is given holds no scans, one has another dimension
-            than the map, or does not go with its half-life.
+        InputError: the map has no counts, the point has no cell, what is given holds no scans, one
+            has another dimension than the map, or does not go with its half-life.
     """
+    if not isinstance(grid, Evidence):
+        raise InputError(
+            "why is asked of a map that counts hits and passes, an EvidenceMap, and then of its "
+            f"log: got {type(grid).__name__}"
+        )
     place = np.asarray(point)
     cell = grid.cell_of(place[None] if place.ndim == 1 else place)
     if len(cell) != 1:
         raise InputError(f"why is asked of one point, shape ({grid.ndim},), got {place.shape}")
     centre = grid.centre_of(cell)[0]
     taken: Any = scans_given(log)
+    if grid.config.map.half_life_scans is not None and not hasattr(taken, "sensors"):
+        taken = list(scans_alone(taken))
+        if all(scan.number is None for scan in taken):
+            taken = list(numbered(taken))  # as build_map counts them
     entries = _entries_of(grid, taken)
     trials = _trials(grid, taken, entries)
     found: list[ScanVote] = []
@@ -168,7 +178,8 @@ class _Trial:
         own = grid.config.map
         self._map = Evidence(
             grid.resolution, votes=grid.votes, half_life=own.half_life, t_ref_ns=own.t_ref_ns,
-            sensor=sensor, ndim=grid.ndim,
+            half_life_scans=own.half_life_scans, ref_scan=own.ref_scan, sensor=sensor,
+            ndim=grid.ndim,
         )  # fmt: skip
         compile_kernels(self._map, sensor, method)
         self._pool = WorkerPool(self._map, sensor, 1, method)
@@ -191,8 +202,8 @@ class _Trial:
             said = self._said(part_of(whole, beams), cell)
             if not said.any():
                 return None
-            alone = [part_of(whole, beams[i : i + 1]) for i in range(len(beams))]
-            each = np.stack([self._said(beam, cell) for beam in alone])
+            each = np.zeros((len(beams), 2))
+            self._ask(whole, beams, cell, said, each)
             speaks = each.any(axis=1)
             beams, each = beams[speaks], each[speaks]
             ranges = whole.ranges[beams]
@@ -202,6 +213,24 @@ class _Trial:
             index, scan.stamp_ns, scan.sensor_id, float(said[0]), float(said[1]), beams, ranges,
             each[:, 0], each[:, 1],
         )  # fmt: skip
+
+    def _ask(
+        self, scan: Scan, beams: IntArray, cell: IntArray, said: FloatArray, each: FloatArray
+    ) -> None:
+        """What each of some beams says alone, into `each`; `said` is what they say together.
+
+        Beams that say nothing together say nothing alone, so halves that are silent are left: of
+        depth images most beams near a cell do not meet it.
+        """
+        if not said.any():
+            return
+        if len(beams) == 1:
+            each[0] = said
+            return
+        half = len(beams) // 2
+        for part in (slice(None, half), slice(half, None)):
+            theirs = self._said(part_of(scan, beams[part]), cell)
+            self._ask(scan, beams[part], cell, theirs, each[part])
 
     def _said(self, scan: Measurement, cell: IntArray) -> FloatArray:
         """What a cell gets of a scan [votes]: hits, passes."""
