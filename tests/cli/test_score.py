@@ -216,3 +216,13 @@ def test_hits_and_passes_are_predicted_by_several_ways(
     assert "a full map has no counts" in line
     line = run(*words, "--posterior", "calibrate").line
     assert 'there is no such view, did you mean "calibrated"?' in line
+
+
+def test_scans_of_another_place_have_no_known_cell(run: Run, office: Path, tmp_path: Path) -> None:
+    grid, far = tmp_path / "m.zarr", tmp_path / "far.npz"
+    assert run("build", office, "--resolution", 0.2, "-o", grid).status == 0
+    np.savez(far, beams=np.array([[900.0, 900.0, 0.1 * i, 1.0] for i in range(20)]), range_max=5.0)
+    done = run("score", grid, far)
+    assert done.status == 0
+    assert "hits      no beam of these scans enters a cell that the map knows" in done.out
+    assert run("score", grid, far, "--json").json["reflection"] is None

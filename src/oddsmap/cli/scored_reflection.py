@@ -39,8 +39,8 @@ def view_of(grid: EvidenceMap, posterior: str) -> Belief:
     return grid.calibrated() if posterior == "calibrated" else grid.log_odds()
 
 
-def score(grid: EvidenceMap, part: Log, sensor: Sensor) -> ReflectionScores | None:
-    """Scores of hits and passes; None under wide beams, or where no known cell is entered.
+def score(grid: EvidenceMap, part: Log, sensor: Sensor) -> ReflectionScores | str | None:
+    """Scores of hits and passes; why there are none; or None under wide beams.
 
     Args:
         grid: the map.
@@ -57,13 +57,13 @@ def score(grid: EvidenceMap, part: Log, sensor: Sensor) -> ReflectionScores | No
     other = build_map(part, grid.resolution, sensor=sensor, votes=grid.votes)
     try:
         return score_reflection(grid, other)
-    except InputError:
-        return None
+    except InputError as error:
+        return str(error)
 
 
-def facts(scores: ReflectionScores | None) -> dict[str, Any] | None:
+def facts(scores: ReflectionScores | str | None) -> dict[str, Any] | None:
     """For --json."""
-    if scores is None:
+    if scores is None or isinstance(scores, str):
         return None
     ways = {
         name: {
@@ -86,9 +86,11 @@ def facts(scores: ReflectionScores | None) -> dict[str, Any] | None:
     }
 
 
-def lines(scores: ReflectionScores | None) -> Iterator[str]:
+def lines(scores: ReflectionScores | str | None) -> Iterator[str]:
     """For people."""
-    if scores is None:
+    if scores is None or isinstance(scores, str):
+        if scores is not None:
+            yield f"hits      {scores}"
         return
     yield (
         f"hits      {scores.votes:,.0f} votes of these scans in known cells, hits and passes, "

@@ -101,6 +101,30 @@ def score_reflection(grid: EvidenceMap, held_out: EvidenceMap) -> ReflectionScor
     Raises:
         InputError: another resolution, dimension or way to vote, or no known cell in common.
     """
+    found = predict_reflection(grid, held_out)
+    scores = {name: _predicted(q, found.hits, found.passes) for name, q in found.by.items()}
+    return ReflectionScores(float((found.hits + found.passes).sum()), found.unknown, scores)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predictions:
+    """Votes of other scans in the cells that a map knows, and the map's chances of a hit.
+
+    Args:
+        hits: weight of hits [votes], shape (n,).
+        passes: weight of passes [votes], shape (n,).
+        by: the chance of a hit by what predicts it, as in `ReflectionScores.of`, shape (n,) each.
+        unknown: how much more fell in cells that the map does not know [votes].
+    """
+
+    hits: FloatArray
+    passes: FloatArray
+    by: dict[str, FloatArray]
+    unknown: float
+
+
+def predict_reflection(grid: EvidenceMap, held_out: EvidenceMap) -> Predictions:
+    """What `score_reflection` scores; arguments and errors as there."""
     for what in ("resolution", "ndim", "votes"):
         one, other = getattr(grid, what), getattr(held_out, what)
         if one != other:
@@ -113,8 +137,8 @@ def score_reflection(grid: EvidenceMap, held_out: EvidenceMap) -> ReflectionScor
     known = (ours[0] | ours[1]) > 0
     total = float(sum(units.sum() for units in theirs) / ONE)
     h, p = (units[known] / ONE for units in ours)
-    hit, passed = (units[known] / ONE for units in theirs)
-    votes = float((hit + passed).sum())
+    hits, passes = (units[known] / ONE for units in theirs)
+    votes = float((hits + passes).sum())
     if votes == 0.0:
         raise InputError(
             "no beam of these scans enters a cell that the map knows: they are of another place, "
@@ -129,10 +153,9 @@ def score_reflection(grid: EvidenceMap, held_out: EvidenceMap) -> ReflectionScor
         CLAMPED: sigmoid(clamped.of_votes(h, p)),
         UNIFORM: (1.0 + h) / (2.0 + h + p),
         CALIBRATED: (a + h) / (a + b + h + p),
-        CONSTANT: np.full(len(h), hit.sum() / votes),
+        CONSTANT: np.full(len(h), hits.sum() / votes),
     }
-    scores = {name: _predicted(q, hit, passed) for name, q in ways.items()}
-    return ReflectionScores(votes, total - votes, scores)
+    return Predictions(hits, passes, ways, total - votes)
 
 
 def _predicted(q: FloatArray, hit: FloatArray, passed: FloatArray) -> Predicted:
