@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from oddsmap.odds import Thresholds
     from oddsmap.posterior.calibrated import Calibrated
-    from oddsmap.posterior.cell_classes import CellClasses
+    from oddsmap.posterior.count_model import CountModel
     from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.posterior.prior import MapLike
@@ -117,7 +117,7 @@ class EvidenceMap(Evidence):
         prior: float | MapLike | None = None,
         thresholds: Thresholds | None = None,
         clamp: tuple[float, float] | None = None,
-        classes: CellClasses | None = None,
+        model: CountModel | None = None,
     ) -> Calibrated:
         """Probabilities fitted to this map's counts: see `oddsmap.posterior.calibrated`.
 
@@ -125,11 +125,11 @@ class EvidenceMap(Evidence):
             prior: p(x), a number or a map of it; default: the fitted share of occupied cells.
             thresholds: from which probabilities a cell is free or occupied; default: the map's.
             clamp: lowest and highest probability of the view; None: as they are.
-            classes: what was fitted to another map (`Calibrated.classes`); None: to this one.
+            model: what was fitted to another map (`Calibrated.model`); None: to this one.
         """
         from oddsmap.posterior.calibrated import Calibrated
 
-        return Calibrated(self, prior=prior, thresholds=thresholds, clamp=clamp, classes=classes)
+        return Calibrated(self, prior=prior, thresholds=thresholds, clamp=clamp, model=model)
 
     def reflection(
         self,

@@ -188,3 +188,41 @@ def test_wrong_words(run: Run, sonar: Path, full: Path, tmp_path: Path) -> None:
     overhead = run("score", full, sonar, "--set", "sensor.kind=overhead").line
     assert "a sensor of kind overhead has no forward model" in overhead
     assert "did you mean" in run("score", full, sonar, "--set", "sensor.p_randm=0.1").line
+
+
+def test_hits_and_passes_are_predicted_by_several_ways(
+    run: Run, office: Path, sonar: Path, evidence: Path, full: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "m.zarr"
+    assert run("build", office, "--resolution", 0.2, "--hold-out", 0.25, "-o", out).status == 0
+    words = ("score", out, office, "--held-out")
+    facts = run(*words, "--json").json
+    ways = facts["reflection"]["predicted_by"]
+    assert ways["calibrated"]["log_loss"] < ways["log odds"]["log_loss"]
+    assert facts["reflection"]["votes"] > 1000
+    assert set(ways["a constant"]) == {"log_loss", "ece", "below_0.01", "above_0.99"}
+    text = run(*words).out
+    assert f"calibrated          {ways['calibrated']['log_loss']:.4f}" in text
+    assert ("worse than a constant" in text) == facts["reflection"]["log_odds_worse_than_constant"]
+    # The view is scored as a whole, too.
+    other = run(*words, "--posterior", "calibrated", "--json").json
+    assert (facts["posterior"], other["posterior"]) == ("log-odds", "calibrated")
+    assert other["log_likelihood"] != facts["log_likelihood"]
+    assert other["reflection"] == facts["reflection"]
+    # Hits of wide beams belong to one cell of many, and a full map has none.
+    for path in (evidence, full):
+        assert run("score", path, sonar, "--json").json["reflection"] is None
+    line = run("score", full, sonar, "--posterior", "calibrated").line
+    assert "a full map has no counts" in line
+    line = run(*words, "--posterior", "calibrate").line
+    assert 'there is no such view, did you mean "calibrated"?' in line
+
+
+def test_scans_of_another_place_have_no_known_cell(run: Run, office: Path, tmp_path: Path) -> None:
+    grid, far = tmp_path / "m.zarr", tmp_path / "far.npz"
+    assert run("build", office, "--resolution", 0.2, "-o", grid).status == 0
+    np.savez(far, beams=np.array([[900.0, 900.0, 0.1 * i, 1.0] for i in range(20)]), range_max=5.0)
+    done = run("score", grid, far)
+    assert done.status == 0
+    assert "hits      no beam of these scans enters a cell that the map knows" in done.out
+    assert run("score", grid, far, "--json").json["reflection"] is None

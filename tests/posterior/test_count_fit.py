@@ -6,31 +6,31 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import betabinom
 
 from oddsmap import EvidenceMap
 from oddsmap.array_types import FloatArray
-from oddsmap.posterior.cell_classes import CellClasses, log_beta_binomial
-from oddsmap.posterior.count_fit import CONCENTRATIONS, fit_beta, fit_classes
-from oddsmap.posterior.count_pairs import CountPairs, count_pairs
+from oddsmap.posterior import count_fit
+from oddsmap.posterior.count_fit import fit_beta, fit_model
+from oddsmap.posterior.count_model import KNOTS, CountModel, occupied_at
+from oddsmap.posterior.count_pairs import CountPairs, count_pairs, few_pairs
 from tests.kit import ONE, add_votes
+from tests.naive import counts as naive
 
-KINDS = CellClasses((0.005, 0.1, 0.65), CONCENTRATIONS, (0.85, 0.08, 0.07))
 
-
-def drawn(kinds: CellClasses, count: int, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Hits and passes of cells of some kinds, and which are occupied."""
+def drawn(count: int, seed: int) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Hits and passes of cells, and which are occupied; few beams enter walls."""
     rng = np.random.default_rng(seed)
-    kind = rng.choice(3, count, p=kinds.share)
-    total = np.array(kinds.concentration)[kind]
-    mean = np.array(kinds.mean)[kind]
-    reflectivity = rng.beta(mean * total, (1.0 - mean) * total)
-    beams = rng.integers(1, 60, count)
-    hits = rng.binomial(beams, reflectivity)
-    return hits.astype(float), (beams - hits).astype(float), kind == 2
+    few = rng.random(count) < 0.3
+    wall = rng.random(count) < np.where(few, 0.4, 0.05)
+    r = np.where(wall, rng.beta(4.0, 3.0, count), rng.beta(0.3, 12.0, count))
+    occupied = rng.random(count) < np.interp(r, naive.GRID, occupied_at())
+    beams = np.where(few, rng.integers(1, 5, count), rng.integers(20, 200, count))
+    hits = rng.binomial(beams, r)
+    return hits.astype(float), (beams - hits).astype(float), occupied
 
 
 def pairs_of(hits: FloatArray, passes: FloatArray) -> CountPairs:
@@ -69,21 +69,8 @@ def test_the_order_of_cells_and_their_tiles_change_no_bit() -> None:
         grid = EvidenceMap(0.1, tile_side=side)
         add_votes(grid, dict(sorted(votes.items(), reverse=reverse)))
         pairs = count_pairs(grid)
-        fits.append((fit_beta(pairs), fit_classes(pairs)))
+        fits.append((fit_beta(pairs), fit_model(pairs)))
     assert fits[0] == fits[1] == fits[2]
-
-
-def test_beta_binomial_of_one_order() -> None:
-    for h, p, a, b in ((0.0, 0.0, 0.2, 3.0), (3.0, 5.0, 0.2, 3.0), (100.0, 1.0, 2.0, 0.5)):
-        want = betabinom.logpmf(h, h + p, a, b) - np.log(_orders(int(h), int(p)))
-        got = log_beta_binomial(np.array([h]), np.array([p]), a, b)
-        assert np.allclose(got, want, rtol=1e-9, atol=1e-9)
-
-
-def _orders(h: int, p: int) -> float:
-    from math import comb
-
-    return comb(h + p, h)
 
 
 def test_the_beta_prior_is_found_again() -> None:
@@ -95,43 +82,60 @@ def test_the_beta_prior_is_found_again() -> None:
     assert beta == pytest.approx(0.8, rel=0.05)
 
 
-def test_kinds_of_cells_are_found_again() -> None:
-    hits, passes, occupied = drawn(KINDS, 200_000, 2)
-    found = fit_classes(pairs_of(hits, passes))
-    assert found.occupied_share == pytest.approx(0.07, abs=0.01)
-    assert found.mean[0] == pytest.approx(0.005, abs=0.002)
-    assert found.mean[2] == pytest.approx(0.65, abs=0.03)
-    # And what is said of single cells is as true as it can be.
+def test_the_fit_is_that_of_the_oracle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(count_fit, "_STEPS", 5)
+    cells = [(0, 1), (1, 0), (0, 9), (0, 9), (3, 4), (12, 0), (2, 190), (0.5, 0.25), (0, 300)]
+    found = fit_model(pairs_of(*np.array(cells, float).T))
+    want = naive.fitted(cells, 5)
+    assert np.allclose(found.distributions, want, rtol=1e-9, atol=1e-15)
+
+
+@given(st.lists(st.tuples(st.integers(0, 60), st.integers(0, 60)), min_size=1, max_size=12))
+@settings(max_examples=25, deadline=None)
+def test_what_is_said_of_a_cell_is_the_oracle_s(cells: list[tuple[int, int]]) -> None:
+    found = fit_model(pairs_of(*np.array(cells, float).T))
+    share = found.occupied_share
+    for h, p in cells:
+        factor = float(found.log_bayes_factor(h, p))
+        if h + p == 0:
+            assert factor == 0.0
+            continue
+        got = 1.0 / (1.0 + np.exp(-factor) * (1.0 - share) / share)
+        assert got == pytest.approx(naive.p_occupied(found.distributions, h, p), rel=1e-7)
+
+
+def test_what_is_said_of_cells_is_true() -> None:
+    hits, passes, occupied = drawn(200_000, 2)
+    found = fit_model(pairs_of(hits, passes))
     prior = np.log(found.occupied_share / (1.0 - found.occupied_share))
     p = 1.0 / (1.0 + np.exp(-found.log_bayes_factor(hits, passes) - prior))
-    for low, high in ((0.0, 0.1), (0.1, 0.4), (0.4, 0.7), (0.7, 0.9), (0.9, 1.0)):
+    # Up to four beams tell some moments of a distribution, not all of it.
+    for low, high, off in ((0.0, 0.1, 0.003), (0.1, 0.5, 0.1), (0.5, 0.9, 0.1), (0.9, 1.0, 0.01)):
         cells = (p >= low) & (p < high)
-        assert abs(p[cells].mean() - occupied[cells].mean()) < 0.06, (low, high)
+        assert abs(p[cells].mean() - occupied[cells].mean()) < off, (low, high)
+    # Also of those that few beams entered, of which more are occupied than of all.
+    unhit = (hits == 0.0) & (passes == 1.0)
+    assert p[unhit].mean() == pytest.approx(occupied[unhit].mean(), abs=0.05)
 
 
-def test_no_neighbour_of_a_fit_is_better() -> None:
-    hits, passes, _ = drawn(KINDS, 20_000, 3)
+def test_evidence_that_fades_away_ends_in_the_prior() -> None:
+    hits, passes, _ = drawn(5_000, 4)
+    found = fit_model(pairs_of(hits, passes))
+    assert float(found.log_bayes_factor(1e-9, 0.0)) == pytest.approx(0.0, abs=1e-6)
+    assert found.log_bayes_factor(np.zeros((2, 3)), 0.0).tolist() == [[0.0] * 3] * 2
+
+
+def test_many_pairs_are_rounded_and_say_the_same() -> None:
+    rng = np.random.default_rng(5)
+    hits, passes = rng.integers(0, 3000, (2, 60_000)) * rng.random((2, 60_000)) ** 4
     pairs = pairs_of(hits, passes)
-    found = fit_classes(pairs)
-
-    def log_p(kinds: CellClasses) -> float:
-        each = [
-            np.log(share) + log_beta_binomial(pairs.hits, pairs.passes, m * c, (1.0 - m) * c)
-            for m, c, share in zip(kinds.mean, kinds.concentration, kinds.share, strict=True)
-        ]
-        return float(pairs.cells @ np.logaddexp.reduce(np.stack(each), axis=0))
-
-    best = log_p(found)
-    for kind in range(3):
-        for factor in (0.8, 1.2):
-            mean = list(found.mean)
-            mean[kind] *= factor
-            assert log_p(CellClasses((*mean,), found.concentration, found.share)) < best  # type: ignore[arg-type]
-    for i, j in ((0, 2), (2, 1)):
-        share = list(found.share)
-        moved = 0.2 * share[i]
-        share[i], share[j] = share[i] - moved, share[j] + moved
-        assert log_p(CellClasses(found.mean, found.concentration, (*share,))) < best  # type: ignore[arg-type]
+    few = few_pairs(pairs)
+    assert len(pairs.cells) > 50_000
+    assert len(few.cells) <= 10_000
+    assert few.cells.sum() == pairs.cells.sum()
+    assert few.hits @ few.cells == pytest.approx(hits.sum(), rel=0.02)
+    whole = pairs_of(np.array([0.0, 3.0, 300.0]), np.array([7.0, 1.0, 1.0]))
+    assert few_pairs(whole) is whole
 
 
 @pytest.mark.parametrize(
@@ -144,10 +148,11 @@ def test_counts_that_say_little_are_no_trouble(hits: list[float], passes: list[f
     alpha, beta = fit_beta(pairs)
     assert 0.0 < alpha < np.inf
     assert 0.0 < beta < np.inf
-    found = fit_classes(pairs)
-    assert sum(found.share) == pytest.approx(1.0)
-    assert min(found.share) > 0.0
-    assert found.mean[0] <= found.mean[2]
+    found = fit_model(pairs)
+    assert len(found.distributions) == KNOTS
+    assert np.sum(found.distributions, axis=1) == pytest.approx(np.ones(KNOTS))
+    assert np.min(found.distributions) > 0.0
+    assert isinstance(found, CountModel)
     factor = found.log_bayes_factor(np.array([0.0, 3.0, 0.0]), np.array([0.0, 0.0, 3.0]))
     assert factor[0] == 0.0
     assert factor[2] < 0.0 < factor[1]

@@ -38,6 +38,8 @@ HELP = """Score a map by readings that it has not seen: no ground truth is neede
   oddsmap score sonar.zarr second_run.npz --plot reliability.png --json
 
 Each reading is predicted from the map under the forward sensor model: by default the map's own.
+Under narrow beams it is also looked at whether the cells' probabilities are true: how many of the
+beams that enter a cell hit it, by what several ways to count predict.
 """
 
 _TOO_GOOD = (
@@ -58,6 +60,10 @@ def score(
         Path | None,
         typer.Option(metavar="FILE.png", help="Draw the reliability curve; by default no picture."),
     ] = None,
+    posterior: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Which view of the map: log-odds or calibrated."),
+    ] = "log-odds",
     log_options: LogOptions,
     config: Annotated[Path | None, config_option("another sensor model, section sensor")] = None,
     settings: Settings = None,
@@ -67,12 +73,16 @@ def score(
     verbose: Verbose = False,
 ) -> None:
     """Score a map: see `HELP`."""
+    from oddsmap.cli import scored_reflection
     from oddsmap.cli.files import check_files, check_logs, check_suffix
+    from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.posterior.count_view import CountView
     from oddsmap.scans.note import Note
     from oddsmap.scans.split_log import hold_out
     from oddsmap.scoring.held_out import score_map
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
+    scored_reflection.check(posterior)
     layers = read_layers(config, settings)
     layers.check_sections("score", "sensor")
     layers.check_values()
@@ -81,13 +91,17 @@ def score(
     check_logs([log])
     check_files([grid, log, *log_options.files(log)], plot, force=force)
     with working(f"loading {grid.name}", quiet=voice.still):
-        belief, stored, provenance = _load(grid)
+        belief, stored, provenance = _load(grid, posterior)
     whole = log_options.open(log)
     every = _held_out_of(provenance, grid, log) if held_out else None
     part = whole if every is None else hold_out(whole, every)[1]
     sensor = layers.resolve_above(stored, whole).sensor
     with progress_of_scans("scoring", part.scan_count, quiet=voice.still) as progress:
         scores = score_map(belief, part, sensor, progress=progress)
+    hits = None
+    if isinstance(belief, CountView) and isinstance(belief.evidence, EvidenceMap):
+        with working("comparing hits and passes", quiet=voice.still):
+            hits = scored_reflection.score(belief.evidence, part, sensor)
     if plot is not None:
         _draw(scores, plot, grid, force=force)
     if any(entry.get("source") == log.name for entry in provenance):
@@ -96,8 +110,13 @@ def score(
             voice.note(log, too_good, err=True)
     elif doubt := doubt_of_sensor(whole, sensor, layers):
         voice.note(log, doubt, err=True)
-    voice.facts({"map": str(grid), "log": str(log), "held_out_every": every, **_facts(scores)})
+    voice.facts({
+        "map": str(grid), "log": str(log), "posterior": posterior, "held_out_every": every,
+        **_facts(scores), "reflection": scored_reflection.facts(hits),
+    })  # fmt: skip
     _say(voice, scores)
+    for line in scored_reflection.lines(hits):
+        voice.say(line)
 
 
 def _draw(scores: LogScores, plot: Path, grid: Path, *, force: bool) -> None:
@@ -107,16 +126,22 @@ def _draw(scores: LogScores, plot: Path, grid: Path, *, force: bool) -> None:
     save_reliability_png(scores.reliability, plot, title=title, force=force)
 
 
-def _load(path: Path) -> tuple[Belief, Config, list[dict[str, Any]]]:
+def _load(path: Path, posterior: str) -> tuple[Belief, Config, list[dict[str, Any]]]:
+    from oddsmap.cli.scored_reflection import view_of
+    from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import load_map
     from oddsmap.full_map.full_map import load_full_map
     from oddsmap.full_map.store import is_full_map
 
     if is_full_map(path):
+        if posterior != "log-odds":
+            raise ConfigError(
+                f"{path}: a full map has no counts, which --posterior {posterior} is fitted to"
+            )
         full_map = load_full_map(path)
         return full_map, full_map.config, full_map.provenance
     evidence = load_map(path)
-    return evidence.log_odds(), evidence.config, evidence.provenance
+    return view_of(evidence, posterior), evidence.config, evidence.provenance
 
 
 def _held_out_of(provenance: list[dict[str, Any]], grid: Path, log: Path) -> int:

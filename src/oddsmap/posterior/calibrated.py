@@ -5,7 +5,7 @@ The textbook's log odds add a fixed amount for each hit and each pass, as though
 independent, and so become certain of what is not. Two questions, two answers:
 
 - Is something there? p(occupied): the Bayes factor of occupied cells against others, from the
-  distributions of counts of both (`cell_classes`), takes the place of the fixed amounts:
+  distributions of counts of both (`count_model`), takes the place of the fixed amounts:
 
     l = logit(prior) + log p(hits, passes | occupied) - log p(hits, passes | not occupied).
 
@@ -28,8 +28,8 @@ from oddsmap.array_types import FloatArray
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.odds import Thresholds
 from oddsmap.posterior.beta import beta_interval
-from oddsmap.posterior.cell_classes import CellClasses
-from oddsmap.posterior.count_fit import fit_beta, fit_classes
+from oddsmap.posterior.count_fit import fit_beta, fit_model
+from oddsmap.posterior.count_model import CountModel
 from oddsmap.posterior.count_pairs import count_pairs
 from oddsmap.posterior.count_view import CountView
 from oddsmap.posterior.log_odds import LogOdds
@@ -60,10 +60,10 @@ class Calibrated(CountView):
             known ones, as fitted.
         thresholds: from which probabilities a cell is free or occupied; default: the map's.
         clamp: lowest and highest probability of the view; None: as they are.
-        classes: what was fitted to another map, to be used for this one.
+        model: what was fitted to another map, to be used for this one.
 
     Attributes:
-        classes: kinds of cells and their distributions of counts.
+        model: how reflectivities are distributed among cells, and which cells are occupied.
         reflectivity: how often a beam is reflected: a `Reflection` view with the fitted prior.
 
     Raises:
@@ -77,7 +77,7 @@ class Calibrated(CountView):
         prior: float | MapLike | None = None,
         thresholds: Thresholds | None = None,
         clamp: tuple[float, float] | None = None,
-        classes: CellClasses | None = None,
+        model: CountModel | None = None,
     ) -> None:
         if evidence.sensor.kind == "cone":
             warnings.warn(
@@ -88,10 +88,10 @@ class Calibrated(CountView):
         if isinstance(prior, Evidence):
             prior = LogOdds(prior, prior=evidence.config.posterior.prior)
         pairs = count_pairs(evidence)
-        self.classes = classes or fit_classes(pairs)
+        self.model = model or fit_model(pairs)
         super().__init__(
             evidence,
-            prior=self.classes.occupied_share if prior is None else prior,
+            prior=self.model.occupied_share if prior is None else prior,
             thresholds=thresholds,
             clamp=clamp,
         )
@@ -103,7 +103,7 @@ class Calibrated(CountView):
 
     def increment(self, hits: npt.ArrayLike, passes: npt.ArrayLike) -> FloatArray:
         """The log Bayes factor of weights of hits and passes [votes]; 0 for none."""
-        return self.classes.log_bayes_factor(hits, passes)
+        return self.model.log_bayes_factor(hits, passes)
 
     def _settings(self) -> tuple[object, ...]:
         return (*super()._settings(), self.classes)

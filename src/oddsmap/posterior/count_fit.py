@@ -3,10 +3,11 @@
 
 Evidence is maximised: the parameters are those under which the counts of all known cells are most
 probable. Nothing is held out, and no truth is needed. Weak priors, worth as much as a few cells,
-keep parameters that the counts say nothing of where they are for most maps.
+keep parameters that the counts say nothing of where they are for most maps. Sums go over arrays in
+one order and without BLAS, whose threads may change the last digit.
 
 Source: Minka, Estimating a Dirichlet distribution (2000), for the likelihood of beta-binomial
-counts. The optimiser is L-BFGS-B (Byrd, Lu, Nocedal, Zhu 1995) on exact gradients: iterating
+counts. Its optimiser is L-BFGS-B (Byrd, Lu, Nocedal, Zhu 1995) on exact gradients: iterating
 Minka's fixed points takes ten times as long, and Newton's steps can leave the domain.
 """
 
@@ -16,20 +17,18 @@ from collections.abc import Callable
 
 import numpy as np
 
-from oddsmap.array_types import FloatArray
-from oddsmap.posterior.cell_classes import CellClasses
-from oddsmap.posterior.count_pairs import CountPairs
+from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.posterior.count_model import KNOTS, LOG_MISS, LOG_REFLECT, CountModel, knots_of
+from oddsmap.posterior.count_pairs import CountPairs, few_pairs
 
-__all__ = ["CONCENTRATIONS", "fit_beta", "fit_classes"]
+__all__ = ["fit_beta", "fit_model"]
 
-CONCENTRATIONS = (3.0, 4.0, 5.0)
-"""a + b of free cells, free cells beside something, and occupied ones. They are not fitted: counts
-hardly tell them, and free ones made worse maps on simulated worlds whose truth is known."""
-
-# Where parameters start, and what counts that say nothing leave them at.
-_MEANS, _SHARES = (0.002, 0.1, 0.6), (0.9, 0.05, 0.05)
-_MEAN_LIMITS = ((1e-6, 0.2), (1e-6, 0.4), (0.3, 0.99))
-_LOG_SHARE_LIMITS = (-12.0, 4.0)  # relative to that of free cells
+# Mean, deviation of the logit, and share: what is expected of reflectivities. It is worth as many
+# cells, and the distribution among all cells as many of each number of beams.
+_START = ((0.003, 2.0, 0.9), (0.55, 1.2, 0.1))
+_CELLS_OF_START, _CELLS_OF_WHOLE = 10.0, 50.0
+_STEPS = 60
+# Of the Beta distribution: where parameters start, and what counts that say nothing leave them at.
 _BETA = (0.02, 1.0)
 _BETA_LIMITS = (1e-4, 1e3)
 # Standard deviation of the priors of logits and logarithms.
@@ -51,8 +50,10 @@ def fit_beta(pairs: CountPairs) -> tuple[float, float]:
     def cost(logs: FloatArray) -> tuple[float, FloatArray]:
         alpha, beta = np.exp(logs)
         log_p, by_alpha, by_beta = table.log_beta_binomial(alpha, beta)
-        value = float(table.cells @ log_p)
-        slope = np.array([table.cells @ by_alpha * alpha, table.cells @ by_beta * beta])
+        value = float((table.cells * log_p).sum())
+        slope = np.array(
+            [(table.cells * by_alpha).sum() * alpha, (table.cells * by_beta).sum() * beta]
+        )
         return _with_prior(value, slope, logs, start, table.total)
 
     low, high = np.log(_BETA_LIMITS)
@@ -60,37 +61,68 @@ def fit_beta(pairs: CountPairs) -> tuple[float, float]:
     return float(alpha), float(beta)
 
 
-def fit_classes(pairs: CountPairs) -> CellClasses:
-    """The kinds of cells under which counts are most probable.
+def fit_model(pairs: CountPairs) -> CountModel:
+    """How reflectivities are distributed among cells, so that their counts are most probable.
+
+    First among all cells, then among those of each number of beams, of which the former is what
+    is expected. The problem has one optimum, which expectation maximisation approaches from
+    anywhere; it stops after a fixed number of steps.
 
     Args:
         pairs: the counts of a map.
     """
-    table = _Tables(pairs)
-    means, shares = np.array(_MEANS), np.array(_SHARES)
-    start = np.concatenate([_logit(means), np.log(shares[1:] / shares[0])])
-    limits = [tuple(_logit(np.array(limit))) for limit in _MEAN_LIMITS]
-
-    def cost(parameters: FloatArray) -> tuple[float, FloatArray]:
-        mean, log_share = _mean(parameters[:3]), _log_shares(parameters[3:])
-        log_p, slopes = [], []
-        for m, total in zip(mean, CONCENTRATIONS, strict=True):
-            each, by_alpha, by_beta = table.log_beta_binomial(m * total, (1.0 - m) * total)
-            log_p.append(each)
-            slopes.append((by_alpha - by_beta) * (total * m * (1.0 - m)))
-        joint = log_share[:, None] + np.stack(log_p)
-        whole = np.logaddexp.reduce(joint, axis=0)
-        kind = np.exp(joint - whole) * table.cells  # whose cells they are
-        of_shares = kind.sum(axis=1) - np.exp(log_share) * table.total
-        slope = np.concatenate([(kind * np.stack(slopes)).sum(axis=1), of_shares[1:]])
-        return _with_prior(float(table.cells @ whole), slope, parameters, start, table.total)
-
-    found = _minimum(cost, start, [*limits, _LOG_SHARE_LIMITS, _LOG_SHARE_LIMITS])
-    mean, share = _mean(found[:3]).tolist(), np.exp(_log_shares(found[3:])).tolist()
-    return CellClasses(tuple(mean), CONCENTRATIONS, tuple(share))
+    pairs = few_pairs(pairs)
+    below, share = knots_of(pairs.hits + pairs.passes)
+    order = np.argsort(below, kind="stable")  # so that sums of each knot go over neighbours
+    h, p, cells = pairs.hits[order], pairs.passes[order], pairs.cells[order]
+    log_p = h[:, None] * LOG_REFLECT + p[:, None] * LOG_MISS
+    likelihood = np.exp(log_p - log_p.max(axis=1, keepdims=True))
+    whole = _of_all(likelihood, cells)
+    each = _of_knots(likelihood, cells, below[order], share[order], whole)
+    return CountModel(tuple(tuple(row) for row in (whole, *each[1:])))
 
 
-_OfArray = Callable[[FloatArray], FloatArray]
+def _of_all(likelihood: FloatArray, cells: FloatArray) -> list[float]:
+    """One distribution for all pairs, whose likelihoods have shape (pairs, reflectivities)."""
+    start = _start()
+    whole = start
+    for _ in range(_STEPS):
+        found = likelihood * whole
+        found *= (cells / found.sum(axis=1))[:, None]
+        whole = found.sum(axis=0) + _CELLS_OF_START * start
+        whole /= whole.sum()
+    return list(map(float, whole))
+
+
+def _of_knots(
+    likelihood: FloatArray, cells: FloatArray, below: IntArray, share: FloatArray,
+    whole: list[float],
+) -> list[list[float]]:  # fmt: skip
+    """A distribution for each knot; pairs are mixed of two, and sorted by the first of them."""
+    edges = np.searchsorted(below, np.arange(KNOTS))
+    of_both = (likelihood * (1.0 - share)[:, None], likelihood * share[:, None])
+    expected = np.tile(_CELLS_OF_WHOLE * np.array(whole), (KNOTS, 1))
+    each = expected / _CELLS_OF_WHOLE
+    for _ in range(_STEPS):
+        first, second = of_both[0] * each[below], of_both[1] * each[below + 1]
+        weight = (cells / (first.sum(axis=1) + second.sum(axis=1)))[:, None]
+        each = expected.copy()
+        for k in range(KNOTS - 1):
+            rows = slice(edges[k], edges[k + 1])
+            each[k] += (first[rows] * weight[rows]).sum(axis=0)
+            each[k + 1] += (second[rows] * weight[rows]).sum(axis=0)
+        each /= each.sum(axis=1, keepdims=True)
+    return [list(map(float, row)) for row in each]
+
+
+def _start() -> FloatArray:
+    """What is expected of a map: mostly free cells, of which some are beside something."""
+    logit = LOG_REFLECT - LOG_MISS
+    total = np.zeros(len(logit))
+    for mean, deviation, share in _START:
+        bell = np.exp(-0.5 * ((logit - _logit(mean)) / deviation) ** 2)
+        total += share * bell / bell.sum()
+    return total
 
 
 class _Tables:
@@ -148,14 +180,5 @@ def _minimum(
     return np.asarray(found.x, np.float64)
 
 
-def _mean(logits: FloatArray) -> FloatArray:
-    return np.asarray(1.0 / (1.0 + np.exp(-logits)))
-
-
-def _logit(p: FloatArray) -> FloatArray:
-    return np.asarray(np.log(p) - np.log1p(-p))
-
-
-def _log_shares(relative: FloatArray) -> FloatArray:
-    logs = np.concatenate([[0.0], relative])
-    return np.asarray(logs - np.logaddexp.reduce(logs))
+def _logit(p: float) -> float:
+    return float(np.log(p) - np.log1p(-p))

@@ -11,12 +11,15 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 
-__all__ = ["CountPairs", "count_pairs"]
+__all__ = ["CountPairs", "count_pairs", "few_pairs"]
 
 # Weights that fade or are shared have few pairs in common; beyond this many they are rounded to a
 # sixteenth of a vote, which no fit can tell from themselves.
 _MAX_PAIRS = 1 << 18
 _SIXTEENTH = ONE // 16
+# A distribution on a grid is fitted to no more pairs than this: half a second.
+_FEW_PAIRS = 10_000
+_MOST_DIGITS, _LEAST_DIGITS = 7, 2  # binary
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +47,31 @@ def count_pairs(evidence: Evidence) -> CountPairs:
         found.add(hits, passes)
     hits, passes, cells = found.sorted()
     return CountPairs(hits / ONE, passes / ONE, cells.astype(np.float64))
+
+
+def few_pairs(pairs: CountPairs) -> CountPairs:
+    """Pairs of counts that are rounded to fewer binary digits, as few as make them few.
+
+    Args:
+        pairs: the counts of a map.
+
+    Returns:
+        The same, where there are few; else rounded counts, as exact as can be.
+    """
+    digits = _MOST_DIGITS
+    few = pairs
+    while len(few.cells) > _FEW_PAIRS and digits >= _LEAST_DIGITS:
+        keys, place = np.unique(
+            _rounded(pairs.hits, digits) + 1j * _rounded(pairs.passes, digits), return_inverse=True
+        )
+        cells = np.bincount(place, pairs.cells, len(keys)).astype(np.float64)
+        few, digits = CountPairs(keys.real, keys.imag, cells), digits - 1
+    return few
+
+
+def _rounded(weights: FloatArray, digits: int) -> FloatArray:
+    mantissa, exponent = np.frexp(weights)
+    return np.asarray(np.ldexp(np.rint(np.ldexp(mantissa, digits)), exponent - digits))
 
 
 class _Pairs:
