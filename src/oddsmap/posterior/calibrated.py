@@ -106,7 +106,7 @@ class Calibrated(CountView):
         return self.model.log_bayes_factor(hits, passes)
 
     def _settings(self) -> tuple[object, ...]:
-        return (*super()._settings(), self.classes)
+        return (*super()._settings(), self.model)
 
     def _extra_columns(self) -> dict[str, Column]:
         """Mean reflectivity with its 95 % interval."""
