@@ -34,13 +34,13 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from oddsmap import BeamSensor, EvidenceMap, Pose2, Pose3, Scan, build_map, open_log  # noqa: E402
-from oddsmap.kernels.units import ONE  # noqa: E402
-from oddsmap.odds import logit, sigmoid  # noqa: E402
-from oddsmap.scoring.reflection import ReflectionScores, score_reflection  # noqa: E402
-from oddsmap.scoring.truth import evaluate  # noqa: E402
-from oddsmap.simulate import Lidar2D, Lidar3D, drive3d, office_drive, office_plan, town  # noqa: E402
-from oddsmap.simulate.glass import GlassSensor, glass_path, glass_scene  # noqa: E402
+from oddsmap import BeamSensor, EvidenceMap, Pose2, Pose3, Scan, build_map, open_log
+from oddsmap.kernels.units import ONE
+from oddsmap.odds import logit, sigmoid
+from oddsmap.scoring.reflection import ReflectionScores, score_reflection
+from oddsmap.scoring.truth import evaluate
+from oddsmap.simulate import Lidar2D, Lidar3D, drive3d, office_drive, office_plan, town
+from oddsmap.simulate.glass import GlassSensor, glass_path, glass_scene
 
 LOGS = {
     "intel": ("laser2d/intel-corrected.log.gz", 0.05),

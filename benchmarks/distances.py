@@ -19,6 +19,7 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,10 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "src"), str(ROOT)]
 
-import oddsmap  # noqa: E402
-from oddsmap.query.boxes import Box  # noqa: E402
-from oddsmap.query.squared_distances import squared_to  # noqa: E402
-from oddsmap.simulate import (  # noqa: E402
+import oddsmap
+from oddsmap.query.boxes import Box
+from oddsmap.query.squared_distances import squared_to
+from oddsmap.simulate import (
     Lidar2D,
     Lidar3D,
     drive3d,
@@ -130,10 +131,10 @@ def fields(scans: list[Any], resolution: float, rounds: int) -> dict[str, float]
     for scan in scans[-rounds:]:
         grid.add(scan)
         for name, field, reach in (("any distance", of_all, None), ("up to 2 m", near, 2.0)):
-            took = seconds(lambda field=field: field.update(view))  # type: ignore[misc]
+            took = seconds(partial(field.update, view))
             found.setdefault(f"update, {name}", []).append(took)
             found.setdefault(f"made, {name}", []).append(
-                seconds(lambda reach=reach: view.distance_field(reach))  # type: ignore[misc]
+                seconds(partial(view.distance_field, reach))
             )
             if not np.array_equal(field.squared, view.distance_field(reach).squared):
                 raise RuntimeError("an updated field is not what a new one is")

@@ -28,9 +28,9 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "src"), str(ROOT)]
 
-import oddsmap  # noqa: E402
-from benchmarks.peers import dynamic_rules as peers  # noqa: E402
-from oddsmap.simulate import Lidar3D, MovingWorld, drive3d, town, traffic  # noqa: E402
+import oddsmap
+from benchmarks.peers import dynamic_rules as peers
+from oddsmap.simulate import Lidar3D, MovingWorld, drive3d, town, traffic
 
 BoolArray = npt.NDArray[np.bool_]
 RANGE_MAX = 30.0

@@ -33,20 +33,20 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from benchmarks.lidar2d import machine, show  # noqa: E402
-from benchmarks.sonar_accuracy import CASES, score_all  # noqa: E402
-from oddsmap import Pose2, Scan  # noqa: E402
-from oddsmap.config.config import Config, MapConfig  # noqa: E402
-from oddsmap.config.full_map import FullMapConfig  # noqa: E402
-from oddsmap.forward.beam_rows import list_rows  # noqa: E402
-from oddsmap.forward.cell_grid import CellField  # noqa: E402
-from oddsmap.full_map.belief_propagation import Propagation  # noqa: E402
-from oddsmap.full_map.estimator import build_full_map  # noqa: E402
-from oddsmap.full_map.online import OnlineFullMap  # noqa: E402
-from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, passing_messages  # noqa: E402
-from oddsmap.sensors.cone import ConeSensor  # noqa: E402
-from oddsmap.sensors.usable_beams import usable_beams  # noqa: E402
-from oddsmap.simulate import Sonar2D  # noqa: E402
+from benchmarks.lidar2d import machine, show
+from benchmarks.sonar_accuracy import CASES, score_all
+from oddsmap import Pose2, Scan
+from oddsmap.config.config import Config, MapConfig
+from oddsmap.config.full_map import FullMapConfig
+from oddsmap.forward.beam_rows import list_rows
+from oddsmap.forward.cell_grid import CellField
+from oddsmap.full_map.belief_propagation import Propagation
+from oddsmap.full_map.estimator import build_full_map
+from oddsmap.full_map.online import OnlineFullMap
+from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, passing_messages
+from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.usable_beams import usable_beams
+from oddsmap.simulate import Sonar2D
 
 RESOLUTION = 0.1
 ROOM = 150

@@ -20,8 +20,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from benchmarks.sonar_accuracy import CASES, RESOLUTION, Case, load_cases  # noqa: E402
-from oddsmap import ConeSensor, FullMapConfig, build_full_map, evaluate  # noqa: E402
+from benchmarks.sonar_accuracy import CASES, RESOLUTION, Case, load_cases
+from oddsmap import ConeSensor, FullMapConfig, build_full_map, evaluate
 
 METHODS: dict[str, dict[str, Any]] = {
     "sum-product, default": {},

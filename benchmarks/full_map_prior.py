@@ -18,10 +18,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-import oddsmap  # noqa: E402
-from oddsmap.config.full_map import FullMapConfig  # noqa: E402
-from oddsmap.scans.split_log import hold_out  # noqa: E402
-from oddsmap.scoring.held_out import score_map  # noqa: E402
+import oddsmap
+from oddsmap.config.full_map import FullMapConfig
+from oddsmap.scans.split_log import hold_out
+from oddsmap.scoring.held_out import score_map
 
 PRIORS = (0.05, 0.1, 0.2, 0.475)
 COUPLINGS = (0.0, 0.2, 0.4, 0.8)

@@ -33,11 +33,11 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from benchmarks import numpy_mapper  # noqa: E402
-from benchmarks.peers import mrpt  # noqa: E402
-from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, build_map, open_log  # noqa: E402
-from oddsmap.kernels.units import ONE  # noqa: E402
-from oddsmap.simulate import (  # noqa: E402
+from benchmarks import numpy_mapper
+from benchmarks.peers import mrpt
+from oddsmap import BeamSensor, EvidenceMap, Pose2, Scan, build_map, open_log
+from oddsmap.kernels.units import ONE
+from oddsmap.simulate import (
     Disc,
     FloorPlan,
     Lidar2D,

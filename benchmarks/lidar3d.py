@@ -31,16 +31,16 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from benchmarks.lidar2d import machine, show  # noqa: E402
-from benchmarks.peers import octomap_python  # noqa: E402
-from benchmarks.peers.octomap_python import Cloud  # noqa: E402
-from oddsmap import EvidenceMap, Pose3, Scan, build_map  # noqa: E402
-from oddsmap.errors import OddsmapError  # noqa: E402
-from oddsmap.kernels.units import ONE  # noqa: E402
-from oddsmap.odds import logit  # noqa: E402
-from oddsmap.scans.depth_image import DepthScan  # noqa: E402
-from oddsmap.simulate import DepthCamera, Lidar3D, drive3d, room, room_walk, town  # noqa: E402
-from tests.naive import mapping3d  # noqa: E402
+from benchmarks.lidar2d import machine, show
+from benchmarks.peers import octomap_python
+from benchmarks.peers.octomap_python import Cloud
+from oddsmap import EvidenceMap, Pose3, Scan, build_map
+from oddsmap.errors import OddsmapError
+from oddsmap.kernels.units import ONE
+from oddsmap.odds import logit
+from oddsmap.scans.depth_image import DepthScan
+from oddsmap.simulate import DepthCamera, Lidar3D, drive3d, room, room_walk, town
+from tests.naive import mapping3d
 
 SEED = 20240531
 SCANS = 100

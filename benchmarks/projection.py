@@ -26,10 +26,10 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from oddsmap import Pose3, State, build_map, project  # noqa: E402
-from oddsmap.maps.probability_map import ProbabilityMap  # noqa: E402
-from oddsmap.scans.measurement import Measurement  # noqa: E402
-from oddsmap.simulate import (  # noqa: E402
+from oddsmap import Pose3, State, build_map, project
+from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.scans.measurement import Measurement
+from oddsmap.simulate import (
     Box,
     Cylinder,
     DepthCamera,

@@ -22,11 +22,11 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from benchmarks.lidar2d import show  # noqa: E402
-from benchmarks.lidar3d import FRAMES, load_frames, room_frames  # noqa: E402
-from oddsmap import EvidenceMap, build_map, open_log  # noqa: E402
-from oddsmap.scans.depth_image import DepthScan  # noqa: E402
-from oddsmap.scans.lazy_log import DepthLog  # noqa: E402
+from benchmarks.lidar2d import show
+from benchmarks.lidar3d import FRAMES, load_frames, room_frames
+from oddsmap import EvidenceMap, build_map, open_log
+from oddsmap.scans.depth_image import DepthScan
+from oddsmap.scans.lazy_log import DepthLog
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]

@@ -34,10 +34,10 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "src"), str(ROOT)]
 
-import oddsmap  # noqa: E402
-from benchmarks.exploring import explore  # noqa: E402
-from benchmarks.peers import grid_rays, octomap_python  # noqa: E402
-from oddsmap.simulate import (  # noqa: E402
+import oddsmap
+from benchmarks.exploring import explore
+from benchmarks.peers import grid_rays, octomap_python
+from oddsmap.simulate import (
     Lidar2D,
     Lidar3D,
     drive3d,
@@ -45,7 +45,7 @@ from oddsmap.simulate import (  # noqa: E402
     office_plan,
     town,
 )
-from tests.naive.rays import cells_along  # noqa: E402
+from tests.naive.rays import cells_along
 
 FloatArray = npt.NDArray[np.float64]
 RESOLUTION, MAX_RANGE = 0.2, 50.0

@@ -25,11 +25,11 @@ from typing import Any
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-import numpy as np  # noqa: E402
-from rosbags.highlevel import AnyReader  # noqa: E402
+import numpy as np
+from rosbags.highlevel import AnyReader
 
-from oddsmap.recordings.ros_recording import open_ros_recording  # noqa: E402
-from tests.recordings.bags import Messages, Said  # noqa: E402
+from oddsmap.recordings.ros_recording import open_ros_recording
+from tests.recordings.bags import Messages, Said
 
 KINDS = {"bag": "bag", "bag, bz2": "bag", "bag, lz4": "bag", "sqlite3": "sqlite3", "mcap": "mcap"}
 KINDS |= {"mcap, zstd": "mcap"}

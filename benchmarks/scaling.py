@@ -29,10 +29,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-import oddsmap  # noqa: E402
-from oddsmap import ConeSensor, EvidenceMap, Pose2, Pose3, Scan, add_scans, open_log  # noqa: E402
+import oddsmap
+from oddsmap import ConeSensor, EvidenceMap, Pose2, Pose3, Scan, add_scans, open_log
 
 PLANE = (1_000, 2_000, 5_000, 10_000, 20_000, 50_000)
 SPACE = (30, 100, 200, 500, 1_000)

@@ -29,18 +29,18 @@ import numpy.typing as npt
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-import oddsmap  # noqa: E402
-from oddsmap.config.config import Config, MapConfig  # noqa: E402
-from oddsmap.config.full_map import FullMapConfig  # noqa: E402
-from oddsmap.forward.beam_rows import list_rows  # noqa: E402
-from oddsmap.forward.cell_grid import CellField  # noqa: E402
-from oddsmap.full_map.belief_propagation import Propagation  # noqa: E402
-from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, beam_room, chances, factor  # noqa: E402
-from oddsmap.kernels.infer.first_echo import Noise  # noqa: E402
-from oddsmap.kernels.jit import kernel  # noqa: E402
-from oddsmap.scoring.truth import evaluate  # noqa: E402
-from oddsmap.sensors.cone import ConeSensor  # noqa: E402
-from oddsmap.sensors.usable_beams import usable_beams  # noqa: E402
+import oddsmap
+from oddsmap.config.config import Config, MapConfig
+from oddsmap.config.full_map import FullMapConfig
+from oddsmap.forward.beam_rows import list_rows
+from oddsmap.forward.cell_grid import CellField
+from oddsmap.full_map.belief_propagation import Propagation
+from oddsmap.kernels.infer.beam_factor import NAT, BeamRows, beam_room, chances, factor
+from oddsmap.kernels.infer.first_echo import Noise
+from oddsmap.kernels.jit import kernel
+from oddsmap.scoring.truth import evaluate
+from oddsmap.sensors.cone import ConeSensor
+from oddsmap.sensors.usable_beams import usable_beams
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -28,8 +28,8 @@ import zarr
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from oddsmap import load_map  # noqa: E402
-from oddsmap.map_files.zarr_folder import shard_files  # noqa: E402
+from oddsmap import load_map
+from oddsmap.map_files.zarr_folder import shard_files
 
 NAMES = ("hits", "passes")
 PIPELINES = {

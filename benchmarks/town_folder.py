@@ -12,9 +12,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-import numpy as np  # noqa: E402
+import numpy as np
 
-from benchmarks import lidar3d  # noqa: E402
+from benchmarks import lidar3d
 
 HEADER = """# .PCD v0.7 - Point Cloud Data file format
 VERSION 0.7
