@@ -43,13 +43,17 @@ def free_cells(
     lo = np.floor((pose.translation - reach) / resolution).astype(int).tolist()
     hi = np.ceil((pose.translation + reach) / resolution).astype(int).tolist()
     half = math.sqrt(3) / 2 * resolution
-    rotation, origin = pose.rotation.tolist(), pose.translation.tolist()
+    (a, b, c), origin = pose.rotation.tolist(), pose.translation.tolist()
     free, doubtful = set(), set()
-    for cell in product(*(range(a, b) for a, b in zip(lo, hi, strict=True))):
-        way = [(i + 0.5) * resolution - o for i, o in zip(cell, origin, strict=True)]
-        x, y, z = (sum(rotation[i][k] * way[i] for i in range(3)) for k in range(3))
+    for cell in product(*map(range, lo, hi)):
+        u = (cell[0] + 0.5) * resolution - origin[0]
+        v = (cell[1] + 0.5) * resolution - origin[1]
+        w = (cell[2] + 0.5) * resolution - origin[2]
+        z = a[2] * u + b[2] * v + c[2] * w
         if z <= 1e-9:
             continue
+        x = a[0] * u + b[0] * v + c[0] * w
+        y = a[1] * u + b[1] * v + c[1] * w
         column, row = camera.cx + camera.fx * x / z + 0.5, camera.cy + camera.fy * y / z + 0.5
         margin = PIXEL_ROUNDING * max(1.0, 1.0 / z)
         near_border = min(abs(column - round(column)), abs(row - round(row))) < margin
