@@ -34,7 +34,9 @@ def make_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
 
 def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     """Map with the filter and save."""
+    from oddsmap.cli.bounds_of_trust import facts_of_votes
     from oddsmap.integrate.add import add_log
+    from oddsmap.posterior.count_pairs import count_pairs
     from oddsmap.scans.report import Report
 
     evidence, total = _empty_map(opened), Report()
@@ -54,7 +56,8 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     _note_held_out(evidence.provenance, opened.logs)
     with working(f"saving {plan.output.name}", quiet=plan.quiet):
         evidence.save(plan.output, force=plan.force)
-    return facts_of(evidence, plan.output), total
+    votes = facts_of_votes(evidence, count_pairs(evidence))
+    return {**facts_of(evidence, plan.output), "own_votes_predicted": votes}, total
 
 
 def _empty_map(opened: OpenedLogs) -> EvidenceMap:
@@ -115,3 +118,5 @@ def _note_held_out(provenance: list[dict[str, Any]], logs: list[OpenedLog]) -> N
     for entry, part in zip(provenance, logs, strict=True):
         if isinstance(part.log, PartOfLog):
             entry["hold_out_every"] = part.log.every
+            if part.log.run > 1:
+                entry["hold_out_run"] = part.log.run

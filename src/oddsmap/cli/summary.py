@@ -8,6 +8,8 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.cli.bounds_of_trust import trust_line
+
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
@@ -73,6 +75,8 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
         state = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
         residual = f"{facts['residual']:.2g}{unit}"
         yield (f"sweeps   {facts['sweeps']}, {moving} {state} (residual {residual})")
+    if doubt := trust_line(facts.get("own_votes_predicted")):
+        yield f"trust    {doubt}"
     yield from where
 
 
