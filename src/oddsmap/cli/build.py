@@ -127,6 +127,14 @@ def build(
             help="Keep this share of scans back, to score by: 0.1 is each tenth; by default none.",
         ),
     ] = None,
+    blocks: Annotated[
+        bool,
+        typer.Option(
+            "--blocks",
+            help="With --hold-out: keep whole runs of scans back, a hundredth of the log each, so "
+            "that their neighbours do not tell what they see.",
+        ),
+    ] = False,
     force: Annotated[bool, force_option("an existing map")] = False,
     as_json: Annotated[bool, json_option("the summary")] = False,
     quiet: Quiet = False,
@@ -154,6 +162,7 @@ def build(
         method=method,
         threads=thread_count(threads),
         hold_out=hold_out,
+        blocks=blocks,
         quiet=voice.still,
     )
     opened = open_logs(plan)
