@@ -75,6 +75,7 @@ class BuildPlan:
         threads: how many work.
         hold_out: the share of scans to keep back; None: no scan.
         blocks: whether these are whole runs of scans.
+        auto: whether the sensor is fitted to the logs.
         quiet: whether to show no progress.
 
     Raises:
@@ -92,6 +93,7 @@ class BuildPlan:
     threads: int = 1
     hold_out: float | None = None
     blocks: bool = False
+    auto: bool = False
     quiet: bool = False
 
     def __post_init__(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -221,6 +222,7 @@ def _of_log(log: Log, progress: Callable[[int], None]) -> dict[str, Any]:
 
 
 def _of_map(path: Path) -> dict[str, Any]:
+    from oddsmap.cli.auto import advised
     from oddsmap.cli.bounds_of_trust import facts_of_votes, trust_line
     from oddsmap.evidence.saved_totals import SavedTotals, read_totals
     from oddsmap.kernels.units import ONE
@@ -249,8 +251,12 @@ def _of_map(path: Path) -> dict[str, Any]:
         "made from": like.provenance,
         **({} if votes is None else {"own votes predicted": votes}),
     }
-    doubt = trust_line(votes)
-    facts |= {} if doubt is None else {"warning": doubt}
+    posterior, doubt = advised(like.provenance), trust_line(votes)
+    if posterior is not None:
+        facts["posterior"] = posterior
+        facts["take"] = f"oddsmap export {quote(str(path))} OUT --posterior {posterior}"
+    elif doubt is not None:
+        facts["warning"] = doubt
     return facts | _extent(totals.bounds, like.resolution)
 
 

@@ -7,6 +7,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.cli.auto import fit_to_map
 from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps, working
 from oddsmap.cli.summary import facts_of, facts_of_full_map
 
@@ -54,10 +55,13 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
             )
             total.include(report)
     _note_held_out(evidence.provenance, opened.logs)
+    fitted = fit_to_map(plan, opened, evidence, total.skipped) if plan.auto else None
+    _note_posterior(evidence.provenance, fitted)
     with working(f"saving {plan.output.name}", quiet=plan.quiet):
         evidence.save(plan.output, force=plan.force)
     votes = facts_of_votes(evidence, count_pairs(evidence))
-    return {**facts_of(evidence, plan.output), "own_votes_predicted": votes}, total
+    facts = {**facts_of(evidence, plan.output), "own_votes_predicted": votes}
+    return facts | ({} if fitted is None else {"auto": fitted}), total
 
 
 def _empty_map(opened: OpenedLogs) -> EvidenceMap:
@@ -106,9 +110,17 @@ def _full_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     with progress_of_sweeps(config.full_map.sweeps, quiet=plan.quiet) as advance:
         full_map = estimator.estimate(advance)
     _note_held_out(full_map.provenance, opened.logs)
+    _note_posterior(full_map.provenance, {"posterior": "full-map"} if plan.auto else None)
     with working(f"saving {plan.output.name}", quiet=plan.quiet):
         full_map.save(plan.output, force=plan.force)
     return facts_of_full_map(full_map, plan.output), estimator.report
+
+
+def _note_posterior(provenance: list[dict[str, Any]], fitted: dict[str, Any] | None) -> None:
+    """Note in a map, for each log, what --auto advises."""
+    if fitted is not None:
+        for entry in provenance:
+            entry["posterior"] = fitted["posterior"]
 
 
 def _note_held_out(provenance: list[dict[str, Any]], logs: list[OpenedLog]) -> None:

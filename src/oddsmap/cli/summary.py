@@ -8,6 +8,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.cli.auto import lines_of_auto
 from oddsmap.cli.bounds_of_trust import trust_line
 
 if TYPE_CHECKING:
@@ -75,7 +76,11 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
         state = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
         residual = f"{facts['residual']:.2g}{unit}"
         yield (f"sweeps   {facts['sweeps']}, {moving} {state} (residual {residual})")
-    if doubt := trust_line(facts.get("own_votes_predicted")):
+    auto = facts.get("auto")
+    if auto is not None:
+        yield from lines_of_auto(auto)
+        yield f"take     the {auto['posterior']} posterior: {_POSTERIOR[auto['posterior']]}"
+    elif doubt := trust_line(facts.get("own_votes_predicted")):
         yield f"trust    {doubt}"
     yield from where
 
@@ -97,6 +102,12 @@ _MOVING = {
     "sum-product": ("messages", " nats", "--sweeps"),
     "gibbs": ("marginals", "", "full_map.samples"),
     "map": ("cells", "", "sweeps"),
+}
+
+# What to add to export and score, where --auto advises a posterior.
+_POSTERIOR = {
+    "calibrated": "--posterior calibrated of oddsmap export and score",
+    "full-map": "the one that a full map has",
 }
 
 _WHY = {
