@@ -3,6 +3,7 @@
 
     python benchmarks/calibration.py --data ../shared/data            # eight real logs
     python benchmarks/calibration.py --data ../shared/data --blocks   # runs of scans held out
+    python benchmarks/calibration.py --data ../shared/data --own      # single votes left out
     python benchmarks/calibration.py --data ../shared/data --fit      # how long the fits take
     python benchmarks/calibration.py --truth                          # simulated worlds
 
@@ -11,6 +12,9 @@ Real logs: every tenth scan is held out, or with `--blocks` every tenth of a hun
 Each vote of a held-out scan in a cell that the map knows is a hit or a pass; the map of the other
 scans says how probable a hit is. Printed: log loss [nats] and expected calibration error of each
 way to say so, and of predictions below .01 and above .99 how often it happened.
+
+`--own`: what a map's own counts say of log odds, each vote predicted from the others of its cell,
+beside the mean over all ten ways to hold out a tenth of the scans, and of the runs.
 
 Simulated worlds: p(occupied) of each known cell against the truth. "tuned" is the best inverse
 sensor model there is for that world, chosen by the truth. The curve in `posterior/count_model.py`
@@ -37,6 +41,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 from oddsmap import BeamSensor, EvidenceMap, Pose2, Pose3, Scan, build_map, open_log
 from oddsmap.kernels.units import ONE
 from oddsmap.odds import logit, sigmoid
+from oddsmap.posterior.count_pairs import count_pairs
+from oddsmap.scoring.own_votes import predict_own_votes
 from oddsmap.scoring.reflection import ReflectionScores, score_reflection
 from oddsmap.scoring.truth import evaluate
 from oddsmap.simulate import Lidar2D, Lidar3D, drive3d, office_drive, office_plan, town
@@ -63,21 +69,58 @@ World = tuple[EvidenceMap, BoolArray]
 # ---- real logs -------------------------------------------------------------------------------
 
 
-def split(count: int, *, blocks: bool) -> BoolArray:
+def split(count: int, *, blocks: bool, last: int = EVERY - 1) -> BoolArray:
     """Which scans of a log are held out."""
     number = np.arange(count)
     if blocks:
         number = number * min(BLOCKS, count // 2) // count
-    return np.asarray(number % EVERY == EVERY - 1)
+    return np.asarray(number % EVERY == last)
 
 
 def reflection(data: Path, name: str, *, blocks: bool = False) -> ReflectionScores:
     """One log's scores."""
     path, resolution = LOGS[name]
     scans: list[Any] = list(open_log(data / path))
-    held = split(len(scans), blocks=blocks)
+    return scores_without(scans, split(len(scans), blocks=blocks), resolution)
+
+
+def scores_without(scans: list[Any], held: BoolArray, resolution: float) -> ReflectionScores:
+    """Scores of a map without some scans, by these."""
     kept, other = (list(itertools.compress(scans, which)) for which in (~held, held))
     return score_reflection(*(build_map(part, resolution, votes="scan") for part in (kept, other)))
+
+
+def print_own(data: Path, names: Sequence[str]) -> None:
+    """One table, in Markdown: log odds and a constant, by votes, scans and runs left out."""
+    rows = []
+    for name, factor in itertools.product(names, (1, 2, 4)):
+        path, side = LOGS[name]
+        if factor == 4 and not path.startswith("laser2d"):
+            continue
+        scans: list[Any] = list(open_log(data / path))
+        grid = build_map(scans, side * factor, votes="scan")
+        own = predict_own_votes(grid.log_odds(), count_pairs(grid))
+        row = [f"{name}, {side * factor:g} m"]
+        if own is not None:
+            row.append(f"{own.log_odds:.4f}, {own.constant:.4f}, {_verdict(own.log_odds_fail)}")
+        for blocks in (False, True):
+            votes, log_odds, constant = 0.0, 0.0, 0.0
+            for last in range(EVERY):
+                held = split(len(scans), blocks=blocks, last=last)
+                found = scores_without(scans, held, side * factor)
+                votes += found.votes
+                log_odds += found.votes * found.of["log odds"].log_loss
+                constant += found.votes * found.of["a constant"].log_loss
+            worse = log_odds > constant
+            row.append(f"{log_odds / votes:.4f}, {constant / votes:.4f}, {_verdict(worse)}")
+        rows.append(row)
+    print_table(
+        ["log odds, a constant", "single votes", "tenths of the scans", "of the runs"], rows
+    )
+
+
+def _verdict(worse: bool) -> str:
+    return "worse" if worse else "better"
 
 
 def print_reflection(data: Path, names: Sequence[str], *, blocks: bool) -> None:
@@ -255,6 +298,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="the folder with laser2d/, lidar3d/, rgbd/")
     parser.add_argument("--log", action="append", choices=LOGS, help="only this log; repeatable")
     parser.add_argument("--blocks", action="store_true", help="hold out runs of scans")
+    parser.add_argument("--own", action="store_true", help="leave out single votes, scans, runs")
     parser.add_argument("--fit", action="store_true", help="time the fits")
     parser.add_argument("--truth", action="store_true", help="simulated worlds")
     options = parser.parse_args()
@@ -265,6 +309,8 @@ def main() -> None:
         print_occupancy()
     elif options.fit:
         print_fit(options.data)
+    elif options.own:
+        print_own(options.data, options.log or list(LOGS))
     else:
         print_reflection(options.data, options.log or list(LOGS), blocks=options.blocks)
 

@@ -17,6 +17,7 @@ from oddsmap.full_map.online import OnlineFullMap
 from oddsmap.kernels.units import ONE
 from oddsmap.poses.at_times import PoseTrack
 from oddsmap.poses.trajectory import Trajectory
+from oddsmap.posterior.count_pairs import count_pairs
 from oddsmap.readers.carmen_messages import beam_directions
 from oddsmap.readers.lzf import decompress
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
@@ -149,6 +150,7 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     hi = np.minimum(bounds[1], lo + 16)
     oddsmap.load_map(path, lo=lo, hi=hi)
     loaded.census()
+    count_pairs(loaded)
     loaded.cells()
     loaded.crop(lo, hi).merge(grid)
     loaded.region(lo, hi)

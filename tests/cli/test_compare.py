@@ -125,3 +125,16 @@ def test_wrong_requests(
 def test_space(run: Run, maps: Path) -> None:
     facts = run("compare", maps / "space.zarr", maps / "before.zarr", "--json").json
     assert facts["cells_known_in_both"] > 0
+
+
+def test_calibrated_views(run: Run, pair: tuple[Path, Path]) -> None:
+    facts = run("compare", *pair, "--posterior", "calibrated", "--json").json
+    views = [oddsmap.load_map(path).calibrated() for path in pair]
+    found = oddsmap.compare(*views)
+    assert (facts["posterior"], facts["cells_known_in_both"]) == ("calibrated", 4)
+    assert facts["log_odds_rms"] == found.rms
+    assert found.rms != run("compare", *pair, "--json").json["log_odds_rms"]
+    # Priors are fitted to each map, and not settings that somebody chose.
+    assert "posterior.prior" not in run("compare", *pair, "--posterior", "calibrated").out
+    line = run("compare", *pair, "--posterior", "reflection").line
+    assert "there is no such view (known: log-odds, calibrated)" in line

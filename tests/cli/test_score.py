@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oddsmap.evidence_map import load_map
+from oddsmap.evidence_map import build_map, load_map
 from oddsmap.full_map.full_map import load_full_map
 from oddsmap.readers import open_log
 from oddsmap.scans.split_log import hold_out
 from oddsmap.scoring.held_out import score_map
+from oddsmap.scoring.reflection import score_reflection
 from oddsmap.simulate.sonar2d import Sonar2D
 from tests.cli.conftest import Run
 from tests.scoring.test_calibration import poses, room
@@ -200,7 +201,9 @@ def test_hits_and_passes_are_predicted_by_several_ways(
     ways = facts["reflection"]["predicted_by"]
     assert ways["calibrated"]["log_loss"] < ways["log odds"]["log_loss"]
     assert facts["reflection"]["votes"] > 1000
-    assert set(ways["a constant"]) == {"log_loss", "ece", "below_0.01", "above_0.99"}
+    assert set(ways["a constant"]) == {
+        "log_loss", "ece", "reliability", "below_0.01", "above_0.99"
+    }  # fmt: skip
     text = run(*words).out
     assert f"calibrated          {ways['calibrated']['log_loss']:.4f}" in text
     assert ("worse than a constant" in text) == facts["reflection"]["log_odds_worse_than_constant"]
@@ -209,9 +212,14 @@ def test_hits_and_passes_are_predicted_by_several_ways(
     assert (facts["posterior"], other["posterior"]) == ("log-odds", "calibrated")
     assert other["log_likelihood"] != facts["log_likelihood"]
     assert other["reflection"] == facts["reflection"]
+    bins = ways["calibrated"]["reliability"]
+    assert sum(entry["count"] for entry in bins) == facts["reflection"]["votes"]
     # Hits of wide beams belong to one cell of many, and a full map has none.
-    for path in (evidence, full):
-        assert run("score", path, sonar, "--json").json["reflection"] is None
+    for path, why in ((evidence, "under wide beams: a hit belongs"), (full, "a full map has no")):
+        told = run("score", path, sonar, "--json").json
+        assert told["reflection"] is None
+        assert why in told["no_reflection"]
+        assert f"\nhits      {told['no_reflection']}\n" in run("score", path, sonar).out
     line = run("score", full, sonar, "--posterior", "calibrated").line
     assert "a full map has no counts" in line
     line = run(*words, "--posterior", "calibrate").line
@@ -226,3 +234,41 @@ def test_scans_of_another_place_have_no_known_cell(run: Run, office: Path, tmp_p
     assert done.status == 0
     assert "hits      no beam of these scans enters a cell that the map knows" in done.out
     assert run("score", grid, far, "--json").json["reflection"] is None
+
+
+def test_runs_of_scans_are_held_out(run: Run, office: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.zarr"
+    words = ("build", office, "--resolution", 0.2, "-o", out)
+    done = run(*words, "--hold-out", 0.25, "--blocks", "--json")
+    assert (done.json["scans"], done.json["held_out"]) == (16, 4)
+    entry = load_map(out).provenance[0]
+    assert (entry["hold_out_every"], entry["hold_out_run"]) == (4, 2)
+    facts = run("score", out, office, "--held-out", "--json").json
+    assert (facts["scans"], facts["held_out_every"], facts["held_out_run"]) == (4, 4, 2)
+    kept, held = hold_out(open_log(office), 4, 2)
+    grid, other = build_map(kept, 0.2), build_map(held, 0.2)
+    assert facts["reflection"]["votes"] == score_reflection(grid, other).votes
+    assert "add --hold-out 0.1" in run(*words, "--force", "--blocks").line
+
+
+def test_occupancy_by_a_map_that_is_right(
+    run: Run, office: Path, full: Path, sonar: Path, tmp_path: Path
+) -> None:
+    """By each kind of map: cells that it calls free or occupied are scored, by all ways."""
+    out, plane = tmp_path / "m.zarr", tmp_path / "truth.yaml"
+    assert run("build", office, "--resolution", 0.2, "--hold-out", 0.25, "-o", out).status == 0
+    assert run("export", out, plane).status == 0
+    words = ("score", out, office, "--held-out")
+    for truth in (out, plane):
+        told = run(*words, "--truth", truth, "--json").json["occupancy"]
+        assert set(told["told_by"]) == {
+            "log odds", "OctoMap's clamps", "calibrated", "a constant"
+        }  # fmt: skip
+        assert told["told_by"]["log odds"]["iou"] == 1.0
+        assert told["cells"] + told["cells_without_truth"] == load_map(out).cell_count()
+    assert "occupied  " in run(*words, "--truth", plane).out
+    assert run(*words, "--json").json["occupancy"] is None
+    told = run("score", full, sonar, "--truth", full, "--json").json["occupancy"]
+    assert set(told["told_by"]) == {"full map", "a constant"}
+    assert "no.yaml: no such file" in run(*words, "--truth", tmp_path / "no.yaml").line
+    assert str(sonar) in run(*words, "--truth", sonar).line

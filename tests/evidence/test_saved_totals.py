@@ -12,7 +12,7 @@ import pytest
 
 import oddsmap
 from oddsmap.errors import InputError
-from oddsmap.evidence.saved_totals import read_totals
+from oddsmap.evidence.saved_totals import SavedTotals, read_totals
 from oddsmap.evidence.tiles import TileStore
 from oddsmap.kernels.units import ONE
 from oddsmap.map_files.zarr_folder import SHARD
@@ -46,7 +46,10 @@ MAPS: dict[str, Callable[[], oddsmap.EvidenceMap]] = {
 @pytest.mark.parametrize("name", MAPS)
 def test_against_the_whole_map(name: str, tmp_path: Path) -> None:
     MAPS[name]().save(tmp_path / "map.zarr")
-    totals, whole = read_totals(tmp_path / "map.zarr"), oddsmap.load_map(tmp_path / "map.zarr")
+    totals, whole = (
+        read_totals(tmp_path / "map.zarr", SavedTotals),
+        oddsmap.load_map(tmp_path / "map.zarr"),
+    )
     census, bounds = whole.census(), whole.bounds()
     assert (totals.cells, totals.hits, totals.passes) == census[:3]
     assert str(totals.bounds) == str(bounds)
@@ -71,16 +74,16 @@ def test_a_map_replaced_meanwhile_counts_once(
         reads.append(tiles)
 
     monkeypatch.setattr(TileStore, "clear", clear)
-    totals = read_totals(path)
+    totals = read_totals(path, SavedTotals)
     assert len(reads) > 1
     assert (totals.cells, totals.hits) == other.census()[:2]
 
 
 def test_what_is_no_map(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file or folder"):
-        read_totals(tmp_path / "no.zarr")
+        read_totals(tmp_path / "no.zarr", SavedTotals)
     with pytest.raises(InputError, match="not a saved map"):
-        read_totals(tmp_path)
+        read_totals(tmp_path, SavedTotals)
 
 
 def test_memory_of_a_shard(tmp_path: Path) -> None:
@@ -91,9 +94,9 @@ def test_memory_of_a_shard(tmp_path: Path) -> None:
             grid.add_cells(every + np.array([shard * SHARD[2], 0]), *np.full((2, len(every)), ONE))
         path = tmp_path / f"{shards}.zarr"
         grid.save(path)
-        read_totals(path)  # compiles, and imports
+        read_totals(path, SavedTotals)  # compiles, and imports
         tracemalloc.start()
-        assert read_totals(path).cells == shards * 256**2
+        assert read_totals(path, SavedTotals).cells == shards * 256**2
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         return most

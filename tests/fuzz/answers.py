@@ -79,7 +79,6 @@ def of_recording(path: Path) -> Answer:
 def of_map(path: Path) -> Answer:
     """A saved map of either kind, as `info` and `export` read it."""
     from oddsmap.cli.info import _of_full_map, _of_map
-    from oddsmap.evidence.saved_totals import read_totals
     from oddsmap.full_map.store import is_full_map
 
     if is_full_map(path):
@@ -88,7 +87,7 @@ def of_map(path: Path) -> Answer:
         values = [*full.known_log_odds(), full.marks_of()]
     else:
         grid = oddsmap.load_map(path)
-        facts = _of_map(read_totals(path), path)
+        facts = _of_map(path)
         values = [*grid.cells(), grid.log_odds().probability()]
     return Answer(_digest([json.dumps(facts), *values]), ())
 

@@ -149,3 +149,24 @@ def test_wrong_requests() -> None:
         changed(some, view({(0, 0): (ONE, 0)}, prior=0.4))
     with pytest.raises(InputError, match="nothing to compare"):
         changed(some, view({})).to_probability_map()
+
+
+def test_calibrated_views_give_their_bayes_factors() -> None:
+    """Each period's factor is that of its own fit; the prior of both has to be one."""
+    maps = [EvidenceMap(0.5), EvidenceMap(0.5)]
+    counts = ([(0, 30), (0, 20), (9, 4), (7, 1)], [(0, 25), (8, 5), (0, 40), (6, 2)])
+    for grid, rows in zip(maps, counts, strict=True):
+        add_votes(grid, {(i, 0): (h * ONE, p * ONE) for i, (h, p) in enumerate(rows)})
+    before, after = (grid.calibrated(prior=0.2) for grid in maps)
+    got = changed(before, after, p_change=0.3)
+    for i, (first, second) in enumerate(zip(*counts, strict=True)):
+        weights = {}
+        for m1, m2 in itertools.product((0, 1), repeat=2):
+            weight = (0.2 if m1 else 0.8) * (0.7 if m1 == m2 else 0.3)
+            weight *= math.exp(m1 * float(before.increment(*first)))
+            weights[m1, m2] = weight * math.exp(m2 * float(after.increment(*second)))
+        expected = (weights[0, 1] + weights[1, 0]) / sum(weights.values())
+        assert got.probability[i] == pytest.approx(expected)
+    assert changed(before, maps[1].log_odds(prior=0.2)).probability.shape == (4,)
+    with pytest.raises(InputError, match="different priors: give both views the same"):
+        changed(maps[0].calibrated(), maps[1].calibrated())

@@ -114,7 +114,7 @@ def test_what_cannot_be_compared() -> None:
     for other, said in (
         (EvidenceMap(0.5).log_odds(), "resample the finer one to 0.5 m"),
         (EvidenceMap(0.25, ndim=3).log_odds(), "3D map"),
-        (EvidenceMap(0.25), r"give grid.log_odds\(\), got LogOdds and EvidenceMap"),
+        (EvidenceMap(0.25), r"or grid.calibrated\(\), got LogOdds and EvidenceMap"),
     ):
         with pytest.raises(InputError, match=said):
             compare(view, other)  # type: ignore[arg-type]

@@ -16,7 +16,7 @@ from oddsmap.errors import ConfigError
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.memory_log import LoadedLog
 from oddsmap.scans.note import Note
-from oddsmap.scans.split_log import every_of, hold_out
+from oddsmap.scans.split_log import every_of, hold_out, run_of
 from tests.kit import fan_scan
 
 
@@ -35,6 +35,21 @@ def test_each_scan_is_on_one_side(count: int, every: int) -> None:
     assert sorted(map(id, [*kept, *held])) == sorted(map(id, log))
     assert (len(kept), len(held)) == (len(list(kept)), len(list(held)))
     assert list(kept) == list(kept), "can be started again"
+
+
+@given(st.integers(0, 60), st.integers(2, 5), st.integers(1, 7))
+def test_runs_are_held_out_whole(count: int, every: int, run: int) -> None:
+    log = log_of(count)
+    kept, held = hold_out(log, every, run)
+    assert list(held) == [scan for i, scan in enumerate(log) if i // run % every == every - 1]
+    assert sorted(map(id, [*kept, *held])) == sorted(map(id, log))
+    assert (len(kept), len(held)) == (len(list(kept)), len(list(held)))
+
+
+def test_a_run_is_a_hundredth_of_the_log() -> None:
+    assert [run_of(log_of(n)) for n in (0, 20, 299, 300, 1234)] == [2, 2, 2, 3, 12]
+    with pytest.raises(ConfigError, match="a run has 1 scan or more"):
+        hold_out(log_of(3), 2, 0)
 
 
 def test_what_the_log_says_is_handed_on() -> None:

@@ -115,7 +115,7 @@ MODEL = ForwardModel(
 
 
 def renewed(work: Slow, model: ForwardModel = MODEL) -> fit_module.Fit:
-    fit = fit_module.Fit(work, model, 2, 20, None)  # type: ignore[arg-type]
+    fit = fit_module.Fit(work, model, 2, 20, None)
     fit.settle()
     fit.renew_noise()
     return fit
@@ -163,7 +163,7 @@ def test_the_edge_is_searched_up_to_sixteen_times_as_steep() -> None:
         def log_likelihood(self, model: ForwardModel) -> float:
             return self.edge
 
-    fit = fit_module.Fit(Steeper(0.02), MODEL, 2, 20, None)  # type: ignore[arg-type]
+    fit = fit_module.Fit(Steeper(0.02), MODEL, 2, 20, None)
     fit.search_edge(1.0, 1.0)
     assert fit.edge == 16.0
 

@@ -16,6 +16,7 @@ from oddsmap.array_types import Region
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.occupancy_box import Window
+from oddsmap.kernels.units import ONE
 from oddsmap.odds import Thresholds, logit
 from oddsmap.poses.pose import Pose2, Pose3
 from oddsmap.posterior.belief import Belief
@@ -181,6 +182,17 @@ def test_a_prior_map_is_the_prior() -> None:
     assert got.log_likelihood == pytest.approx(
         score_map(Given(p), scans, SONAR).log_likelihood, abs=1e-6
     )
+
+
+def test_a_calibrated_view_has_its_prior_where_nothing_is_known() -> None:
+    rng = np.random.default_rng(2)
+    index = np.unique(rng.integers(0, 9, (200, 2)), axis=0)
+    grid = oddsmap.EvidenceMap(CELL)
+    grid.add_cells(index, np.full(len(index), ONE), np.full(len(index), 3 * ONE))
+    scans = drawn(some_map(2, 1), 100, 8)
+    got = score_map(grid.calibrated(prior=0.03), scans, SONAR)
+    bare = score_map(oddsmap.EvidenceMap(CELL).log_odds(prior=0.03), scans, SONAR)
+    assert got.prior_log_likelihood == pytest.approx(bare.log_likelihood, abs=1e-9)
 
 
 def test_what_says_nothing_is_counted() -> None:

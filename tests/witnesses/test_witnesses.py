@@ -192,6 +192,17 @@ class Named:
         return iter(self._scans)
 
 
+def test_runs_held_out_are_none_of_the_map() -> None:
+    log: Any = Named("a.log", FLAT)
+    grid = oddsmap.EvidenceMap(CELL)
+    grid.add(hold_out(log, 2, 2)[0])
+    grid.provenance[-1] |= {"hold_out_every": 2, "hold_out_run": 2}
+    index, hits, passes = grid.cells()
+    found = oddsmap.why(grid, log, grid.centre_of(index[[np.argmax(hits + passes)]])[0])
+    assert found.complete
+    assert {vote.index % 4 for vote in found.scans} <= {0, 1}
+
+
 def test_scans_held_out_are_none_of_the_map() -> None:
     log: Any = Named("a.log", FLAT)
     grid = oddsmap.EvidenceMap(CELL)

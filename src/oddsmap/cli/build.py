@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from oddsmap.cli.auto import fit_first
 from oddsmap.cli.build_plan import BuildPlan, MapSettings
 from oddsmap.cli.doubts import doubts_of_settings
 from oddsmap.cli.log_options import LogOptions, takes_log_options
@@ -47,6 +48,8 @@ HELP = """Map one or more logs: in 2D or 3D, as their scans are.
   oddsmap build clouds/ --poses poses.txt --resolution 0.1 \\
     --set sensor.mark_z_min=0.2 -o hall.zarr
   oddsmap build sonar.npz --resolution 0.1 --estimator full-map -o sonar.zarr
+  oddsmap build intel.log.gz --resolution 0.05 --auto -o intel.zarr
+                                                    (sensor fitted to the log)
   oddsmap build sonar.npz --resolution 0.1 --hold-out 0.1 -o sonar.zarr
                                                     (see oddsmap score)
 
@@ -127,6 +130,22 @@ def build(
             help="Keep this share of scans back, to score by: 0.1 is each tenth; by default none.",
         ),
     ] = None,
+    auto: Annotated[
+        bool,
+        typer.Option(
+            "--auto",
+            help="Fit the sensor to the log itself, take a full map for wide beams, and note in "
+            "the map which posterior to use.",
+        ),
+    ] = False,
+    blocks: Annotated[
+        bool,
+        typer.Option(
+            "--blocks",
+            help="With --hold-out: keep whole runs of scans back, a hundredth of the log each, so "
+            "that their neighbours do not tell what they see.",
+        ),
+    ] = False,
     force: Annotated[bool, force_option("an existing map")] = False,
     as_json: Annotated[bool, json_option("the summary")] = False,
     quiet: Quiet = False,
@@ -154,16 +173,22 @@ def build(
         method=method,
         threads=thread_count(threads),
         hold_out=hold_out,
+        blocks=blocks,
+        auto=auto,
         quiet=voice.still,
     )
     opened = open_logs(plan)
+    fitted = None
     try:
+        if auto:
+            plan, opened, fitted = fit_first(plan, opened)
         facts, report = make_map(plan, opened)
     except OddsmapError:
         # What looks odd in a log may be why it makes no map.
         _say_doubts(opened, voice, err=True)
         raise
     facts |= _facts_of_work(plan, opened, report)
+    facts |= {} if fitted is None else {"auto": fitted}
     for part in opened.logs:
         for note in (*part.log.notes, *doubts_of_settings(part.log, part.config)):
             voice.note(part.log.path, note)

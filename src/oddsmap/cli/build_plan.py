@@ -74,6 +74,8 @@ class BuildPlan:
         method: how depth images clear.
         threads: how many work.
         hold_out: the share of scans to keep back; None: no scan.
+        blocks: whether these are whole runs of scans.
+        auto: whether the sensor is fitted to the logs.
         quiet: whether to show no progress.
 
     Raises:
@@ -90,12 +92,18 @@ class BuildPlan:
     method: Literal["rays", "projective"] = "rays"
     threads: int = 1
     hold_out: float | None = None
+    blocks: bool = False
+    auto: bool = False
     quiet: bool = False
 
     def __post_init__(self) -> None:
+        from oddsmap.errors import ConfigError
+
         check_name(self.settings.sensor)
         self._check_estimator()
         _ = self.hold_out_every
+        if self.blocks and self.hold_out is None:
+            raise ConfigError("--blocks says which scans are kept back: add --hold-out 0.1")
         self._check_settings()
         self._check_files()
 

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Literal
 
 import typer
 
+from oddsmap.cli.fitted_sensor import facts_of_fit, lines_of_fit
 from oddsmap.cli.log_options import LogOptions, takes_log_options
 from oddsmap.cli.options import (
     Quiet,
@@ -26,9 +26,6 @@ from oddsmap.cli.progress import progress_of_fit
 from oddsmap.cli.setting_layers import SettingLayers, read_layers
 from oddsmap.cli.voice import Voice
 
-if TYPE_CHECKING:
-    from oddsmap.scoring.calibration import Calibration
-
 __all__ = ["HELP", "calibrate"]
 
 HELP = """Find the sensor model that explains a log best: rates, noise, width of the beams.
@@ -38,11 +35,10 @@ HELP = """Find the sensor model that explains a log best: rates, noise, width of
   oddsmap build sonar.npz --resolution 0.1 --config sensor.toml \\
     --estimator full-map -o sonar.zarr
 
-No ground truth is needed: each reading is predicted from the map of all others. Standard errors
-are of each parameter by itself, and take the model for true.
+No ground truth is needed: each reading is predicted from the map of all others: wide beams by
+messages, narrow ones by the map's hits and passes without those of their own scan. Standard errors
+are of each parameter by itself, and take the model for true. oddsmap build --auto does this, too.
 """
-
-_UNITS = {"cone_deg": "deg", "sigma": "m"}
 
 
 @takes_log_options
@@ -57,6 +53,13 @@ def calibrate(
         bool,
         typer.Option("--noise-only", help="Leave cone_deg and detection as they are; faster."),
     ] = False,
+    estimator: Annotated[
+        Literal["filter", "full-map"] | None,
+        typer.Option(
+            help="The map that predicts: filter for narrow beams, full-map for wide ones, or for "
+            "both. By default as the beams are."
+        ),
+    ] = None,
     threads: Threads = None,
     log_options: LogOptions,
     config: Annotated[Path | None, config_option("where to start, section sensor")] = None,
@@ -70,6 +73,7 @@ def calibrate(
     from oddsmap.atomic_write import atomic_output
     from oddsmap.cli.files import check_files, check_logs, check_suffix
     from oddsmap.scoring.calibration import calibrate as calibrate_sensor
+    from oddsmap.scoring.count_calibration import calibrate_narrow
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     layers = _read_layers(config, settings, resolution)
@@ -78,22 +82,40 @@ def calibrate(
     check_files([log, *log_options.files(log)], output, force=force)
     opened = log_options.open(log)
     start = layers.resolve(opened)
+    narrow = start.sensor.kind == "beam"
+    chosen = estimator or (
+        "filter" if narrow and "full_map" not in layers.sections() else "full-map"
+    )
     with progress_of_fit(quiet=voice.still) as progress:
-        found = calibrate_sensor(
-            opened,
-            start.map.resolution,
-            sensor=start.sensor,
-            settings=start.full_map,
-            threads=thread_count(threads),
-            noise_only=noise_only,
-            progress=progress,
-        )
+        if chosen == "filter":
+            found = calibrate_narrow(
+                opened,
+                start.map.resolution,
+                start.sensor,
+                threads=thread_count(threads),
+                noise_only=noise_only,
+                progress=progress,
+            )
+        else:
+            found = calibrate_sensor(
+                opened,
+                start.map.resolution,
+                sensor=start.sensor,
+                settings=start.full_map,
+                threads=thread_count(threads),
+                noise_only=noise_only,
+                progress=progress,
+            )
     with atomic_output(output, force=force) as part:
         part.write_text(f"# From {log.name}, by oddsmap calibrate.\n{found.to_toml()}", "utf-8")
     for note in found.notes:
         voice.note(log, note)
-    voice.facts({"log": str(log), "output": str(output), **_facts(found)})
-    _say(voice, found, output)
+    voice.facts({
+        "log": str(log), "output": str(output), "estimator": chosen, **facts_of_fit(found)
+    })  # fmt: skip
+    for line in lines_of_fit(found):
+        voice.say(line)
+    _say_next(voice, output, chosen)
 
 
 def _read_layers(
@@ -109,35 +131,7 @@ def _read_layers(
     return layers
 
 
-def _facts(found: Calibration) -> dict[str, Any]:
-    return {
-        "scans": found.scans,
-        "beams": found.beams,
-        "skipped": dict(found.skipped),
-        "parameters": found.values,
-        "standard_errors": {
-            name: None if math.isnan(error) else error for name, error in found.errors.items()
-        },
-        "edge": found.edge,
-        "log_likelihood": found.log_likelihood,
-        "updates": found.updates,
-        "converged": found.converged,
-        "notes": list(found.notes),
-    }
-
-
-def _say(voice: Voice, found: Calibration, output: Path) -> None:
-    say = voice.say
-    say(f"used        {found.scans:,} scans, {found.beams:,} beams")
-    for reason, count in sorted(found.skipped.items()):
-        say(f"skipped     {count:,} x {reason}")
-    for name, value in found.values.items():
-        error = found.errors[name]
-        sure = "at its bound" if math.isnan(error) else f"+- {error:.2g}"
-        say(f"{name:<11} {value:.4g} {sure} {_UNITS.get(name, '')}".rstrip())
-    say(f"likelihood  {found.log_likelihood:+.4f} nats per beam, each predicted without itself")
-    if not found.converged:
-        say(f"NOT at rest after {found.updates} updates: start from this file to go on (--config)")
-    say(f"sensor      {output}")
-    written = quote(str(output))
-    say(f"next        oddsmap build LOG --resolution M --config {written} --estimator full-map")
+def _say_next(voice: Voice, output: Path, estimator: str) -> None:
+    more = " --estimator full-map" if estimator == "full-map" else ""
+    voice.say(f"sensor      {output}")
+    voice.say(f"next        oddsmap build LOG --resolution M --config {quote(str(output))}{more}")

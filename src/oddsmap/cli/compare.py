@@ -13,13 +13,14 @@ from oddsmap.cli.made_of_maps import SavedMap, read_map
 from oddsmap.cli.merge_doubts import frames_differ, votes_differ
 from oddsmap.cli.options import Quiet, Verbose, force_option, json_option
 from oddsmap.cli.progress import working
+from oddsmap.cli.views import check_view, view_of
 from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from oddsmap.posterior.comparison import Comparison
-    from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.count_view import CountView
 
 __all__ = ["HELP", "compare"]
 
@@ -28,7 +29,7 @@ HELP = """Compare two maps of one frame cell by cell: where they agree, what cha
 \b
   oddsmap compare monday.zarr tuesday.zarr
   oddsmap compare monday.zarr tuesday.zarr --plot changes.png
-  oddsmap compare monday.zarr tuesday.zarr --json
+  oddsmap compare monday.zarr tuesday.zarr --posterior calibrated --json
 
 States are those that each map decides by its own settings. Maps of two
 resolutions are compared after oddsmap resample.
@@ -46,6 +47,10 @@ def compare(
             metavar="FILE.png", help="Draw where 2D maps agree and differ; by default no picture."
         ),
     ] = None,
+    posterior: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="Which view of the maps: log-odds or calibrated."),
+    ] = "log-odds",
     force: Annotated[bool, force_option("an existing picture")] = False,
     as_json: Annotated[bool, json_option("the comparison")] = False,
     quiet: Quiet = False,
@@ -57,10 +62,13 @@ def compare(
     from oddsmap.posterior.comparison import compare as compare_views
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
+    check_view(posterior)
     if plot is not None:
         check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
     check_files([first, second], plot, force=force)
-    views = read_map(first, voice).log_odds(), read_map(second, voice).log_odds()
+    views = (
+        view_of(read_map(first, voice), posterior), view_of(read_map(second, voice), posterior)
+    )  # fmt: skip
     try:
         with working("comparing", quiet=voice.still):
             found = compare_views(*views)
@@ -71,7 +79,9 @@ def compare(
         raise InputError(f"{first} and {second}: {error}") from None
     for note in _notes(*views):
         voice.note(second, note)
-    voice.facts({"first": str(first), "second": str(second), **_facts(found)})
+    voice.facts({
+        "first": str(first), "second": str(second), "posterior": posterior, **_facts(found)
+    })  # fmt: skip
     for line in _lines(found):
         voice.say(line)
     if plot is not None:
@@ -79,7 +89,7 @@ def compare(
 
 
 def _draw(
-    first: LogOdds, second: LogOdds, names: tuple[str, str], plot: Path, *, force: bool
+    first: CountView, second: CountView, names: tuple[str, str], plot: Path, *, force: bool
 ) -> None:
     from oddsmap.plot.comparison import save_kinds
     from oddsmap.posterior.comparison import kinds_in_plane
@@ -93,14 +103,20 @@ def _draw(
     save_kinds(plane.kinds, plot, resolution=side, origin=(x, y), names=kinds, force=force)
 
 
-def _notes(first: LogOdds, second: LogOdds) -> Iterator[str]:
+def _notes(first: CountView, second: CountView) -> Iterator[str]:
     """Why log odds may differ without a difference in the world."""
+    from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.scans.note import Note
 
-    pairs = {
-        "sensor.p_hit": (first.p_hit, second.p_hit),
-        "sensor.p_miss": (first.p_miss, second.p_miss),
-        "posterior.prior": (first.prior, second.prior),
+    pairs: dict[str, tuple[object, ...]] = {}
+    if isinstance(first, LogOdds) and isinstance(second, LogOdds):
+        # A calibrated view takes none of them: its prior is fitted to the map, like all of it.
+        pairs = {
+            "sensor.p_hit": (first.p_hit, second.p_hit),
+            "sensor.p_miss": (first.p_miss, second.p_miss),
+            "posterior.prior": (first.prior, second.prior),
+        }
+    pairs |= {
         "posterior.free": (first.thresholds.free, second.thresholds.free),
         "posterior.occupied": (first.thresholds.occupied, second.thresholds.occupied),
         "map.votes": (first.evidence.votes, second.evidence.votes),

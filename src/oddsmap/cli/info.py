@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -27,7 +28,7 @@ from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
     from oddsmap.array_types import IntArray
-    from oddsmap.evidence.saved_totals import SavedTotals
+    from oddsmap.evidence.evidence import Evidence
     from oddsmap.full_map.full_map import FullMap
     from oddsmap.map_files.ros_reader import RosGrid
     from oddsmap.maps.voxel_map import VoxelMap
@@ -86,9 +87,7 @@ def _facts(path: Path, log_options: LogOptions, *, quiet: bool) -> dict[str, Any
 
     with working(f"reading {path.name}", quiet=quiet, compiles=False):
         if holds(path, "hits"):  # `is_map`, without the kernels that evidence comes with
-            from oddsmap.evidence.saved_totals import read_totals
-
-            return _of_map(read_totals(path), path)
+            return _of_map(path)
         if is_full_map(path):
             from oddsmap.full_map.full_map import load_full_map
 
@@ -136,6 +135,9 @@ def _texts(name: str, value: Any, *, all_settings: bool) -> list[str]:
         return [f"{_word(value)} m"]
     if name == "made from":
         return [text for entry in value for text in _source(entry, all_settings=all_settings)]
+    if name == "own votes predicted":
+        return [f"by log odds {value['log_odds']:.4f}, by a constant {value['constant']:.4f}"
+                " (log loss)"]  # fmt: skip
     if name == "topics":
         return [_topic(topic, said) for topic, said in value.items()] or ["none"]
     if isinstance(value, dict):
@@ -219,10 +221,25 @@ def _of_log(log: Log, progress: Callable[[int], None]) -> dict[str, Any]:
     return facts
 
 
-def _of_map(totals: SavedTotals, path: Path) -> dict[str, Any]:
+def _of_map(path: Path) -> dict[str, Any]:
+    from oddsmap.cli.auto import advised
+    from oddsmap.cli.bounds_of_trust import facts_of_votes, trust_line
+    from oddsmap.evidence.saved_totals import SavedTotals, read_totals
     from oddsmap.kernels.units import ONE
+    from oddsmap.posterior.count_pairs import PairCounter
 
+    class WithPairs(SavedTotals):
+        def __init__(self) -> None:
+            super().__init__()
+            self.counter = PairCounter()
+
+        def add(self, part: Evidence) -> None:
+            super().add(part)
+            self.counter.add(part)
+
+    totals = read_totals(path, WithPairs)
     like = totals.like
+    votes = facts_of_votes(like, totals.counter.pairs())
     facts: dict[str, Any] = {
         "map": str(path),
         "resolution": like.resolution,
@@ -232,7 +249,14 @@ def _of_map(totals: SavedTotals, path: Path) -> dict[str, Any]:
         "passes": totals.passes / ONE,
         "config": like.config.to_dict(),
         "made from": like.provenance,
+        **({} if votes is None else {"own votes predicted": votes}),
     }
+    posterior, doubt = advised(like.provenance), trust_line(votes)
+    if posterior is not None:
+        facts["posterior"] = posterior
+        facts["take"] = f"oddsmap export {quote(str(path))} OUT --posterior {posterior}"
+    elif doubt is not None:
+        facts["warning"] = doubt
     return facts | _extent(totals.bounds, like.resolution)
 
 

@@ -7,6 +7,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.cli.auto import fit_to_map
 from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps, working
 from oddsmap.cli.summary import facts_of, facts_of_full_map
 
@@ -34,7 +35,9 @@ def make_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
 
 def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     """Map with the filter and save."""
+    from oddsmap.cli.bounds_of_trust import facts_of_votes
     from oddsmap.integrate.add import add_log
+    from oddsmap.posterior.count_pairs import count_pairs
     from oddsmap.scans.report import Report
 
     evidence, total = _empty_map(opened), Report()
@@ -52,9 +55,13 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
             )
             total.include(report)
     _note_held_out(evidence.provenance, opened.logs)
+    fitted = fit_to_map(plan, opened, evidence, total.skipped) if plan.auto else None
+    _note_posterior(evidence.provenance, fitted)
     with working(f"saving {plan.output.name}", quiet=plan.quiet):
         evidence.save(plan.output, force=plan.force)
-    return facts_of(evidence, plan.output), total
+    votes = facts_of_votes(evidence, count_pairs(evidence))
+    facts = {**facts_of(evidence, plan.output), "own_votes_predicted": votes}
+    return facts | ({} if fitted is None else {"auto": fitted}), total
 
 
 def _empty_map(opened: OpenedLogs) -> EvidenceMap:
@@ -103,9 +110,17 @@ def _full_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     with progress_of_sweeps(config.full_map.sweeps, quiet=plan.quiet) as advance:
         full_map = estimator.estimate(advance)
     _note_held_out(full_map.provenance, opened.logs)
+    _note_posterior(full_map.provenance, {"posterior": "full-map"} if plan.auto else None)
     with working(f"saving {plan.output.name}", quiet=plan.quiet):
         full_map.save(plan.output, force=plan.force)
     return facts_of_full_map(full_map, plan.output), estimator.report
+
+
+def _note_posterior(provenance: list[dict[str, Any]], fitted: dict[str, Any] | None) -> None:
+    """Note in a map, for each log, what --auto advises."""
+    if fitted is not None:
+        for entry in provenance:
+            entry["posterior"] = fitted["posterior"]
 
 
 def _note_held_out(provenance: list[dict[str, Any]], logs: list[OpenedLog]) -> None:
@@ -115,3 +130,5 @@ def _note_held_out(provenance: list[dict[str, Any]], logs: list[OpenedLog]) -> N
     for entry, part in zip(provenance, logs, strict=True):
         if isinstance(part.log, PartOfLog):
             entry["hold_out_every"] = part.log.every
+            if part.log.run > 1:
+                entry["hold_out_run"] = part.log.run

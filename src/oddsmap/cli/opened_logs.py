@@ -51,6 +51,7 @@ def open_logs(plan: BuildPlan) -> OpenedLogs:
         OddsmapError: a log cannot be read, or does not fit the plan or the other logs.
     """
     from oddsmap.scans.log import parts_of
+    from oddsmap.scans.split_log import run_of
 
     started = time.perf_counter()
     logs = [part for path in plan.logs for part in parts_of(plan.log_options.open(path))]
@@ -60,19 +61,27 @@ def open_logs(plan: BuildPlan) -> OpenedLogs:
     configs = [plan.layers.resolve(log) for log in logs]
     sensor = _only_sensor(plan, logs, configs)
     every = plan.hold_out_every
+    runs = [run_of(log) if plan.blocks else 1 for log in logs]
     return OpenedLogs(
-        logs=[_watched(log, config, every) for log, config in zip(logs, configs, strict=True)],
+        logs=[
+            _watched(log, config, every, run)
+            for log, config, run in zip(logs, configs, runs, strict=True)
+        ],
         sensor=sensor,
-        held_out=_held_out(logs, every),
+        held_out=_held_out(logs, every, runs),
         read_s=read_s,
     )
 
 
-def _held_out(logs: list[Log], every: int | None) -> int | None:
+def _held_out(logs: list[Log], every: int | None, runs: list[int]) -> int | None:
+    from oddsmap.scans.split_log import held_count
+
     counts = [log.scan_count for log in logs]
     if every is None:
         return 0
-    return None if None in counts else sum((count or 0) // every for count in counts)
+    if None in counts:
+        return None
+    return sum(held_count(n or 0, every, run) for n, run in zip(counts, runs, strict=True))
 
 
 def _only_sensor(plan: BuildPlan, logs: list[Log], configs: list[Config]) -> str:
@@ -93,7 +102,7 @@ def _only_sensor(plan: BuildPlan, logs: list[Log], configs: list[Config]) -> str
     return name
 
 
-def _watched(log: Log, config: Config, every: int | None) -> OpenedLog:
+def _watched(log: Log, config: Config, every: int | None, run: int) -> OpenedLog:
     """What is mapped of a log, with a sample that fills while it is read."""
     from oddsmap.plausibility.doubts import WatchedLog
     from oddsmap.plausibility.sample import Sample
@@ -103,5 +112,5 @@ def _watched(log: Log, config: Config, every: int | None) -> OpenedLog:
     sample = Sample(log.scan_count, float("inf") if range_max is None else range_max)
     # Points of the map fit together however their poses are.
     watched = log if getattr(log, "points_in_map", False) else WatchedLog(log, sample)
-    mapped = watched if every is None else hold_out(watched, every)[0]
+    mapped = watched if every is None else hold_out(watched, every, run)[0]
     return OpenedLog(mapped, config, sample)

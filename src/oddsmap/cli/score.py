@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +19,9 @@ from oddsmap.cli.options import (
     json_option,
 )
 from oddsmap.cli.progress import progress_of_scans, working
+from oddsmap.cli.scored_tables import curve_facts, curve_lines
 from oddsmap.cli.setting_layers import read_layers
+from oddsmap.cli.views import check_view, view_of
 from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
@@ -36,10 +37,14 @@ HELP = """Score a map by readings that it has not seen: no ground truth is neede
   oddsmap build sonar.npz --resolution 0.1 --hold-out 0.1 -o sonar.zarr
   oddsmap score sonar.zarr sonar.npz --held-out
   oddsmap score sonar.zarr second_run.npz --plot reliability.png --json
+  oddsmap build intel.log.gz --resolution 0.05 --hold-out 0.1 --blocks \\
+    -o intel.zarr
+  oddsmap score intel.zarr intel.log.gz --held-out --truth surveyed.yaml
 
 Each reading is predicted from the map under the forward sensor model: by default the map's own.
 Under narrow beams it is also looked at whether the cells' probabilities are true: how many of the
-beams that enter a cell hit it, by what several ways to count predict.
+beams that enter a cell hit it, by what several ways to count predict. --truth asks the same of
+p(occupied), by a map that is known to be right.
 """
 
 _TOO_GOOD = (
@@ -56,6 +61,14 @@ def score(
     held_out: Annotated[
         bool, typer.Option("--held-out", help="Only the scans that `build --hold-out` kept back.")
     ] = False,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MAP",
+            help="Score occupancy by this map, too: a saved map, the .yaml of a ROS map, or an "
+            "OctoMap, of the same frame; by default none.",
+        ),
+    ] = None,
     plot: Annotated[
         Path | None,
         typer.Option(metavar="FILE.png", help="Draw the reliability curve; by default no picture."),
@@ -73,35 +86,32 @@ def score(
     verbose: Verbose = False,
 ) -> None:
     """Score a map: see `HELP`."""
-    from oddsmap.cli import scored_reflection
+    from oddsmap.cli import scored_occupancy, scored_reflection
     from oddsmap.cli.files import check_files, check_logs, check_suffix
-    from oddsmap.evidence_map import EvidenceMap
-    from oddsmap.posterior.count_view import CountView
     from oddsmap.scans.note import Note
     from oddsmap.scans.split_log import hold_out
     from oddsmap.scoring.held_out import score_map
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
-    scored_reflection.check(posterior)
+    check_view(posterior)
     layers = read_layers(config, settings)
     layers.check_sections("score", "sensor")
     layers.check_values()
     if plot is not None:
         check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
     check_logs([log])
-    check_files([grid, log, *log_options.files(log)], plot, force=force)
+    check_files([grid, log, truth, *log_options.files(log)], plot, force=force)
     with working(f"loading {grid.name}", quiet=voice.still):
         belief, stored, provenance = _load(grid, posterior)
     whole = log_options.open(log)
-    every = _held_out_of(provenance, grid, log) if held_out else None
-    part = whole if every is None else hold_out(whole, every)[1]
+    every, run = _held_out_of(provenance, grid, log) if held_out else (None, 1)
+    part = whole if every is None else hold_out(whole, every, run)[1]
     sensor = layers.resolve_above(stored, whole).sensor
     with progress_of_scans("scoring", part.scan_count, quiet=voice.still) as progress:
         scores = score_map(belief, part, sensor, progress=progress)
-    hits = None
-    if isinstance(belief, CountView) and isinstance(belief.evidence, EvidenceMap):
-        with working("comparing hits and passes", quiet=voice.still):
-            hits = scored_reflection.score(belief.evidence, part, sensor)
+    with working("comparing hits and passes", quiet=voice.still):
+        hits = scored_reflection.score(belief, part, sensor)
+        cells = None if truth is None else scored_occupancy.score(belief, truth, voice)
     if plot is not None:
         _draw(scores, plot, grid, force=force)
     if any(entry.get("source") == log.name for entry in provenance):
@@ -112,10 +122,13 @@ def score(
         voice.note(log, doubt, err=True)
     voice.facts({
         "map": str(grid), "log": str(log), "posterior": posterior, "held_out_every": every,
-        **_facts(scores), "reflection": scored_reflection.facts(hits),
+        "held_out_run": None if every is None else run, **_facts(scores),
+        **scored_reflection.facts(hits), **scored_occupancy.facts(cells),
     })  # fmt: skip
     _say(voice, scores)
-    for line in scored_reflection.lines(hits):
+    for line in scored_reflection.lines(hits, posterior):
+        voice.say(line)
+    for line in scored_occupancy.lines(cells, posterior):
         voice.say(line)
 
 
@@ -127,7 +140,6 @@ def _draw(scores: LogScores, plot: Path, grid: Path, *, force: bool) -> None:
 
 
 def _load(path: Path, posterior: str) -> tuple[Belief, Config, list[dict[str, Any]]]:
-    from oddsmap.cli.scored_reflection import view_of
     from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import load_map
     from oddsmap.full_map.full_map import load_full_map
@@ -144,22 +156,27 @@ def _load(path: Path, posterior: str) -> tuple[Belief, Config, list[dict[str, An
     return view_of(evidence, posterior), evidence.config, evidence.provenance
 
 
-def _held_out_of(provenance: list[dict[str, Any]], grid: Path, log: Path) -> int:
+def _held_out_of(provenance: list[dict[str, Any]], grid: Path, log: Path) -> tuple[int, int]:
+    """Which run of scans was held out of the map, and how many scans are a run."""
     from oddsmap.errors import InputError
 
     of_log = [entry for entry in provenance if entry.get("source") == log.name]
-    kept = {entry["hold_out_every"] for entry in of_log if "hold_out_every" in entry}
+    kept = {
+        (entry["hold_out_every"], entry.get("hold_out_run", 1))
+        for entry in of_log
+        if "hold_out_every" in entry
+    }
     if len(kept) != 1 or not all("hold_out_every" in entry for entry in of_log):
         scans = "different scans" if len(kept) > 1 else "no scan"
         raise InputError(
             f"{grid}: {scans} of {log.name} held out; build it with --hold-out 0.1, or score "
             "another log without --held-out"
         )
-    return int(kept.pop())
+    every, run = kept.pop()
+    return int(every), int(run)
 
 
 def _facts(scores: LogScores) -> dict[str, Any]:
-    curve = scores.reliability
     return {
         "scans": scores.scans,
         "beams": scores.beams,
@@ -171,14 +188,7 @@ def _facts(scores: LogScores) -> dict[str, Any]:
         "constant": scores.constant,
         "ece": scores.ece,
         "ece_of_bins": scores.ece_of_bins,
-        "reliability": [
-            {
-                "count": int(n),
-                "predicted": None if math.isnan(p) else float(p),
-                "happened": None if math.isnan(r) else float(r),
-            }
-            for n, p, r in zip(curve.count, curve.mean_predicted, curve.rate, strict=True)
-        ],
+        "reliability": curve_facts(scores.reliability),
     }
 
 
@@ -193,8 +203,5 @@ def _say(voice: Voice, scores: LogScores) -> None:
         "cell, the best there is")  # fmt: skip
     say(f"prior     {scores.prior_log_likelihood:+.3f} with the map's prior in every cell")
     say(f"ECE       {scores.ece:.4f} of beam ends, {scores.ece_of_bins:.4f} with all bins alike")
-    say("          predicted  happened  predictions")
-    curve = scores.reliability
-    for n, p, r in zip(curve.count, curve.mean_predicted, curve.rate, strict=True):
-        if n:
-            say(f"          {p:9.3f}  {r:8.3f}  {n:11,}")
+    for line in curve_lines(scores.reliability):
+        say(line)

@@ -3,57 +3,42 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.cli.scored_tables import curve_lines, facts_of_ways, lines_of_ways
+
 if TYPE_CHECKING:
-    from oddsmap.evidence_map import EvidenceMap
     from oddsmap.posterior.belief import Belief
     from oddsmap.scans.log import Log
     from oddsmap.scoring.reflection import ReflectionScores
     from oddsmap.sensors.registry import Sensor
 
-__all__ = ["check", "facts", "lines", "score", "view_of"]
-
-_VIEWS = ("log-odds", "calibrated")
+__all__ = ["facts", "lines", "score"]
 
 
-def check(posterior: str) -> None:
-    """Refuse a view that there is not.
-
-    Raises:
-        ConfigError: it is none of those that are scored.
-    """
-    from oddsmap.errors import ConfigError, did_you_mean
-
-    if posterior not in _VIEWS:
-        raise ConfigError(
-            f"--posterior {posterior}: there is no such view{did_you_mean(posterior, _VIEWS)} "
-            f"(known: {', '.join(_VIEWS)})"
-        )
-
-
-def view_of(grid: EvidenceMap, posterior: str) -> Belief:
-    """The view that --posterior names."""
-    return grid.calibrated() if posterior == "calibrated" else grid.log_odds()
-
-
-def score(grid: EvidenceMap, part: Log, sensor: Sensor) -> ReflectionScores | str | None:
-    """Scores of hits and passes; why there are none; or None under wide beams.
+def score(belief: Belief, part: Log, sensor: Sensor) -> ReflectionScores | str:
+    """Scores of hits and passes, or why there are none.
 
     Args:
-        grid: the map.
+        belief: the map.
         part: the scans to score by.
         sensor: of these.
     """
     from oddsmap.errors import InputError
-    from oddsmap.evidence_map import build_map
+    from oddsmap.evidence_map import EvidenceMap, build_map
+    from oddsmap.posterior.count_view import CountView
     from oddsmap.scoring.reflection import score_reflection
     from oddsmap.sensors.beam import BeamSensor
 
+    grid = belief.evidence if isinstance(belief, CountView) else None
+    if not isinstance(grid, EvidenceMap):
+        return "not predicted: a full map has no hits and passes"
     if not (isinstance(sensor, BeamSensor) and isinstance(grid.sensor, BeamSensor)):
-        return None
+        return (
+            "not predicted under wide beams: a hit belongs to one cell of many, so its cells' "
+            "chances say little of it"
+        )
     other = build_map(part, grid.resolution, sensor=sensor, votes=grid.votes)
     try:
         return score_reflection(grid, other)
@@ -61,55 +46,40 @@ def score(grid: EvidenceMap, part: Log, sensor: Sensor) -> ReflectionScores | st
         return str(error)
 
 
-def facts(scores: ReflectionScores | str | None) -> dict[str, Any] | None:
+def facts(scores: ReflectionScores | str) -> dict[str, Any]:
     """For --json."""
-    if scores is None or isinstance(scores, str):
-        return None
-    ways = {
-        name: {
-            "log_loss": way.log_loss,
-            "ece": way.ece,
-            **{
-                key: {"predicted": _number(p), "happened": _number(share), "votes": votes}
-                for key, (p, share, votes) in (
-                    ("below_0.01", way.sure_free), ("above_0.99", way.sure_hit)
-                )
-            },
-        }
-        for name, way in scores.of.items()
-    }  # fmt: skip
+    if isinstance(scores, str):
+        return {"reflection": None, "no_reflection": scores}
     return {
-        "votes": scores.votes,
-        "votes_in_unknown_cells": scores.unknown,
-        "log_odds_worse_than_constant": scores.log_odds_fail,
-        "predicted_by": ways,
+        "reflection": {
+            "votes": scores.votes,
+            "votes_in_unknown_cells": scores.unknown,
+            "log_odds_worse_than_constant": scores.log_odds_fail,
+            "predicted_by": facts_of_ways(scores.of),
+        }
     }
 
 
-def lines(scores: ReflectionScores | str | None) -> Iterator[str]:
-    """For people."""
-    if scores is None or isinstance(scores, str):
-        if scores is not None:
-            yield f"hits      {scores}"
+def lines(scores: ReflectionScores | str, posterior: str) -> Iterator[str]:
+    """For people.
+
+    Args:
+        scores: what `score` says.
+        posterior: the view whose reliability is listed, as --posterior names it.
+    """
+    if isinstance(scores, str):
+        yield f"hits      {scores}"
         return
     yield (
         f"hits      {scores.votes:,.0f} votes of these scans in known cells, hits and passes, "
         "predicted by"
     )
-    yield "          way               log loss     ECE   hits where p < .01  where p > .99"
-    for name, way in scores.of.items():
-        sure = f"{_share(way.sure_free, 5):>20}{_share(way.sure_hit, 3):>15}"
-        yield f"          {name:16}  {way.log_loss:8.4f}  {way.ece:6.4f}{sure}"
+    yield from lines_of_ways(scores.of)
+    way = posterior.replace("-", " ")
+    yield f"          the same by {way}, in bins:"
+    yield from curve_lines(scores.of[way].reliability)
     if scores.log_odds_fail:
         yield (
             "note      log odds predict hits worse than a constant here: take the calibrated view "
             "(--posterior calibrated of oddsmap export and score)"
         )
-
-
-def _share(sure: tuple[float, float, float], digits: int) -> str:
-    return f"{sure[1]:.{digits}f}" if sure[2] else "none"
-
-
-def _number(value: float) -> float | None:
-    return None if math.isnan(value) else value

@@ -57,6 +57,10 @@ class SettingLayers:
         """The fields of a section that any layer sets."""
         return {name for _, values in self.layers for name in values.get(section, {})}
 
+    def sections(self) -> set[str]:
+        """The sections that anything is set in."""
+        return {section for _, values in self.layers for section in values if values[section]}
+
     def sensor_kind(self) -> str | None:
         """The strongest word on the kind of sensor model; None: nothing is stated."""
         kind = None

@@ -8,6 +8,9 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.cli.auto import lines_of_auto
+from oddsmap.cli.bounds_of_trust import trust_line
+
 if TYPE_CHECKING:
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
@@ -73,6 +76,12 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
         state = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"
         residual = f"{facts['residual']:.2g}{unit}"
         yield (f"sweeps   {facts['sweeps']}, {moving} {state} (residual {residual})")
+    auto = facts.get("auto")
+    if auto is not None:
+        yield from lines_of_auto(auto)
+        yield f"take     the {auto['posterior']} posterior: {_POSTERIOR[auto['posterior']]}"
+    elif doubt := trust_line(facts.get("own_votes_predicted")):
+        yield f"trust    {doubt}"
     yield from where
 
 
@@ -93,6 +102,12 @@ _MOVING = {
     "sum-product": ("messages", " nats", "--sweeps"),
     "gibbs": ("marginals", "", "full_map.samples"),
     "map": ("cells", "", "sweeps"),
+}
+
+# What to add to export and score, where --auto advises a posterior.
+_POSTERIOR = {
+    "calibrated": "--posterior calibrated of oddsmap export and score",
+    "full-map": "the one that a full map has",
 }
 
 _WHY = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,7 +18,7 @@ __all__ = ["SavedTotals", "read_totals"]
 
 
 class SavedTotals:
-    """What is in a saved map.
+    """What is in a saved map; made to be derived from.
 
     Attributes:
         like: an empty map of the same configuration and provenance.
@@ -46,11 +47,19 @@ class SavedTotals:
             self.bounds = np.minimum(lo, other_lo), np.maximum(hi, other_hi)
 
 
-def read_totals(path: str | os.PathLike[str]) -> SavedTotals:
-    """Count and sum what is in a map that `save_map` wrote; errors as in `read_map`."""
+T = TypeVar("T", bound=SavedTotals)
 
-    def read() -> SavedTotals:
-        totals = SavedTotals()
+
+def read_totals(path: str | os.PathLike[str], kind: type[T]) -> T:
+    """Count and sum what is in a map that `save_map` wrote; errors as in `read_map`.
+
+    Args:
+        path: the map.
+        kind: what to make of it, `SavedTotals` or one that knows more.
+    """
+
+    def read() -> T:
+        totals = kind()
         totals.like = _read(Path(path), Evidence, None, None, take=totals.add)
         return totals
 

@@ -8,7 +8,8 @@ within a period. Before any reading, with p the prior of the cell and c the chan
 
 The readings z1 of a period depend on its state alone, so the posterior of the pair is
 proportional to prior(m1, m2) L1(m1) L2(m2). The evidence of a cell is its Bayes factor: the
-increment x = l - l_prior of its log odds, x1 = log L1(1) / L1(0) and x2 likewise. Divided by
+increment x = l - l_prior of its log odds, x1 = log L1(1) / L1(0) and x2 likewise, in a calibrated
+view as in one of log odds. Divided by
 p(0) L1(0) L2(0), with l_prior = logit(p), the four pairs (m1, m2) weigh
 
     (0, 0): (1 - c)                        (1, 1): exp(l_prior + x1 + x2) (1 - c)
@@ -33,7 +34,7 @@ from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import sigmoid
-from oddsmap.posterior.log_odds import LogOdds
+from oddsmap.posterior.count_view import CountView
 
 __all__ = ["Changes", "changed"]
 
@@ -71,13 +72,14 @@ class Changes:
         return ProbabilityMap(probability, observed, self.resolution, origin)
 
 
-def changed(before: LogOdds, after: LogOdds, *, p_change: float = 0.1) -> Changes:
+def changed(before: CountView, after: CountView, *, p_change: float = 0.1) -> Changes:
     """Compare two periods: the posterior probability that a cell's state differs.
 
     Only the evidence of the two counts, not a `clamp` of the views.
 
     Args:
-        before: the first period's view.
+        before: the first period's view, of log odds or calibrated. Calibrated views have each the
+            prior that was fitted to its map: give both the same, `grid.calibrated(prior=0.1)`.
         after: the second period's, of a map of its own: one made with the first's as its prior
             already assumes that nothing changed.
         p_change: probability before any reading that a cell changes its state.
@@ -91,10 +93,10 @@ def changed(before: LogOdds, after: LogOdds, *, p_change: float = 0.1) -> Change
     """
     if not 0.0 < p_change < 1.0:
         raise ConfigError(f"p_change is a probability between 0 and 1, got {p_change}")
-    if not (isinstance(before, LogOdds) and isinstance(after, LogOdds)):
+    if not (isinstance(before, CountView) and isinstance(after, CountView)):
         raise InputError(
-            "changed compares two views of the Bayes filter, one per period: give grid.log_odds(), "
-            f"got {type(before).__name__} and {type(after).__name__}"
+            "changed compares two views of hits and passes, one per period: give grid.log_odds() "
+            f"or grid.calibrated(), got {type(before).__name__} and {type(after).__name__}"
         )
     first, second = before.evidence, after.evidence
     for name in ("resolution", "ndim"):

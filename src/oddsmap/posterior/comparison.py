@@ -22,7 +22,7 @@ from oddsmap.errors import InputError
 from oddsmap.evidence.arithmetic import how_to_match
 from oddsmap.kernels.units import ONE
 from oddsmap.odds import sigmoid
-from oddsmap.posterior.log_odds import LogOdds
+from oddsmap.posterior.count_view import CountView
 
 __all__ = ["Comparison", "Kind", "PlaneOfKinds", "compare", "kinds_in_plane"]
 
@@ -104,7 +104,7 @@ class Comparison:
         return int(self.states[OCCUPIED, FREE])
 
 
-def compare(first: LogOdds, second: LogOdds) -> Comparison:
+def compare(first: CountView, second: CountView) -> Comparison:
     """Compare two maps of one frame cell by cell.
 
     Args:
@@ -144,7 +144,7 @@ class PlaneOfKinds(NamedTuple):
     """Index of the first, x first."""
 
 
-def kinds_in_plane(first: LogOdds, second: LogOdds) -> PlaneOfKinds:
+def kinds_in_plane(first: CountView, second: CountView) -> PlaneOfKinds:
     """What two 2D maps say of each cell that one of them knows.
 
     Raises:
@@ -173,7 +173,7 @@ def kinds_in_plane(first: LogOdds, second: LogOdds) -> PlaneOfKinds:
 
 
 def _known_in_both(
-    first: LogOdds, second: LogOdds
+    first: CountView, second: CountView
 ) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
     """The cells with evidence in both, some at a time: index and log odds in each."""
     for index, hits, passes in first.evidence.tiles.parts():
@@ -189,16 +189,16 @@ def _known_in_both(
         )
 
 
-def _state(view: LogOdds, log_odds: FloatArray) -> IntArray:
+def _state(view: CountView, log_odds: FloatArray) -> IntArray:
     p, limits = sigmoid(log_odds), view.thresholds
     return np.where(p <= limits.free, FREE, np.where(p >= limits.occupied, OCCUPIED, UNDECIDED))
 
 
 def _check(first: object, second: object) -> None:
-    if not (isinstance(first, LogOdds) and isinstance(second, LogOdds)):
+    if not (isinstance(first, CountView) and isinstance(second, CountView)):
         raise InputError(
-            "compare takes two views of the Bayes filter: give grid.log_odds(), got "
-            f"{type(first).__name__} and {type(second).__name__}"
+            "compare takes two views of hits and passes: give grid.log_odds() or "
+            f"grid.calibrated(), got {type(first).__name__} and {type(second).__name__}"
         )
     if first.ndim != second.ndim:
         raise InputError(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every k-th scan kept back from a map, to score it with."""
+"""Every k-th scan, or run of scans, kept back from a map, to score it with."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from oddsmap.scans.log import Log
 from oddsmap.scans.log_view import LogView
 from oddsmap.scans.scan import Scan
 
-__all__ = ["PartOfLog", "every_of", "hold_out"]
+__all__ = ["PartOfLog", "every_of", "held_count", "hold_out", "is_held", "run_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,12 +22,14 @@ class PartOfLog(LogView):
 
     Args:
         log: the whole log.
-        every: the k-th, 2k-th, 3k-th scan of each sensor that can be read is held out.
+        every: the k-th, 2k-th, 3k-th run of scans of each sensor that can be read is held out.
         held: True: these scans; False: all others.
+        run: scans in a run, counted from the first.
     """
 
     every: int
     held: bool
+    run: int = 1
 
     @property
     def scan_count(self) -> int | None:
@@ -35,7 +37,7 @@ class PartOfLog(LogView):
         whole = self.log.scan_count
         if whole is None:
             return None
-        held = whole // self.every
+        held = held_count(whole, self.every, self.run)
         return held if self.held else whole - held
 
     def __iter__(self) -> Iterator[Scan | Any]:
@@ -44,26 +46,49 @@ class PartOfLog(LogView):
         numbers: Counter[str] = Counter()
         for scan in self.log:
             numbers[scan.sensor_id] += 1
-            if (numbers[scan.sensor_id] % self.every == 0) == self.held:
+            if is_held(numbers[scan.sensor_id], self.every, self.run) == self.held:
                 yield scan
 
 
-def hold_out(log: Log, every: int) -> tuple[PartOfLog, PartOfLog]:
-    """Split a log into the scans to map and every k-th scan, held out; the same ones each time.
+def hold_out(log: Log, every: int, run: int = 1) -> tuple[PartOfLog, PartOfLog]:
+    """Split a log into the scans to map and those held out; the same ones each time.
 
     Args:
         log: the whole log.
-        every: k, at least 2: the k-th, 2k-th, 3k-th scan is held out.
+        every: k, at least 2: the k-th, 2k-th, 3k-th run of scans is held out.
+        run: how many scans are a run.
 
     Returns:
         The scans to map, and the scans held out.
 
     Raises:
-        ConfigError: k is below 2.
+        ConfigError: k is below 2, or a run below 1.
     """
     if every < 2:
         raise ConfigError(f"every k-th scan is held out, k at least 2, got {every}")
-    return PartOfLog(log, every, held=False), PartOfLog(log, every, held=True)
+    if run < 1:
+        raise ConfigError(f"a run has 1 scan or more, got {run}")
+    return PartOfLog(log, every, False, run), PartOfLog(log, every, True, run)
+
+
+def is_held(number: int, every: int, run: int = 1) -> bool:
+    """Whether a scan is held out: its number counted from 1, the others as in `hold_out`."""
+    return -(-number // run) % every == 0
+
+
+def held_count(scans: int, every: int, run: int = 1) -> int:
+    """How many of some scans are held out: arguments as in `hold_out`."""
+    cycles, rest = divmod(scans, every * run)
+    return cycles * run + max(0, rest - (every - 1) * run)
+
+
+def run_of(log: Log) -> int:
+    """Scans in a hundredth of a log, and two at least: of a place it is back a while later.
+
+    A log that does not know its number of scans is read through.
+    """
+    scans = log.scan_count
+    return max(2, (sum(1 for _ in log) if scans is None else scans) // 100)
 
 
 def every_of(share: float) -> int:

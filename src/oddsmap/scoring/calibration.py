@@ -33,10 +33,10 @@ from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.registry import Sensor, sensor_of_log
 from oddsmap.sensors.usable_beams import usable_beams
 
-__all__ = ["Calibration", "calibrate"]
+__all__ = ["BINS_PER_CELL", "Calibration", "calibrate", "no_dropouts"]
 
-# Bins are an eighth of a cell: those of a quarter would add (cell / 4)^2 / 12 to sigma^2.
-_BINS_PER_CELL = 8
+BINS_PER_CELL = 8
+"""Bins of ranges: those of a quarter of a cell would add (cell / 4)^2 / 12 to sigma^2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -152,9 +152,7 @@ def calibrate(
     if not scans:
         raise InputError("the scans: no usable scan (there are none); nothing to calibrate with")
     beams, scan_count, skipped = usable_beams(scans, sensor, float(resolution))
-    model = dataclasses.replace(
-        sensor.forward_model(), bin_width=float(resolution) / _BINS_PER_CELL
-    )
+    model = dataclasses.replace(sensor.forward_model(), bin_width=float(resolution) / BINS_PER_CELL)
     if scan_count == 0:
         reasons = ", ".join(f"{n} x {why}" for why, n in skipped.most_common())
         raise InputError(f"the scans: no usable scan ({reasons}); nothing to calibrate with")
@@ -189,11 +187,12 @@ def calibrate(
         scans=scan_count,
         beams=len(beams),
         skipped=skipped + Counter(getattr(log, "skipped", {})),
-        notes=() if work.no_returns.any() else (_no_dropouts(model.p_dropout, skipped),),
+        notes=() if work.no_returns.any() else (no_dropouts(model.p_dropout, skipped),),
     )
 
 
-def _no_dropouts(kept: float, skipped: Counter[str]) -> str:
+def no_dropouts(kept: float, skipped: Counter[str]) -> str:
+    """What to say where no no-return tells p_dropout."""
     no_returns = skipped["beam.no_return"]
     what = "the log has no no-returns"
     if no_returns:

@@ -15,7 +15,7 @@ from oddsmap.forward.model import ForwardModel
 from oddsmap.scoring.search import climb
 
 if TYPE_CHECKING:
-    from oddsmap.scoring.leave_one_out import LeaveOneOut
+    from oddsmap.scoring.leave_one_out import Work
 
 __all__ = ["NOISE", "Fit"]
 
@@ -48,7 +48,7 @@ class Fit:
         errors: standard errors of what has been searched.
     """
 
-    work: LeaveOneOut
+    work: Work
     model: ForwardModel
     beams: int
     max_updates: int

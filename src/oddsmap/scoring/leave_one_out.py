@@ -13,8 +13,10 @@ data, 1975): a beam is never asked about a map that it has shaped itself.
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
 from oddsmap.config.full_map import FullMapConfig
@@ -26,11 +28,36 @@ from oddsmap.full_map.belief_propagation import Propagation
 from oddsmap.kernels.infer.beam_factor import NAT
 from oddsmap.kernels.infer.responsibilities import LIKELIHOOD, causes
 
-__all__ = ["LeaveOneOut"]
+__all__ = ["LeaveOneOut", "Work", "is_listed_for"]
 
 
 # Cells are listed anew where range noise is so much larger, or smaller, than it was.
 _LARGER, _SMALLER = 1.1, 0.6
+
+
+class Work(Protocol):
+    """What `fit.Fit` asks of a map and the readings predicted from it: as `LeaveOneOut` has it."""
+
+    no_returns: npt.NDArray[np.bool_]
+
+    def settle(self, model: ForwardModel, edge: float, sweeps: int) -> None:
+        """Estimate the map anew."""
+
+    def go_on(self, model: ForwardModel, sweeps: int) -> None:
+        """Estimate the map under another model of the same cone, from where it is."""
+
+    def causes(self, model: ForwardModel) -> FloatArray:
+        """Likelihood and causes of each beam's reading."""
+        ...
+
+    def log_likelihood(self, model: ForwardModel) -> float:
+        """Of all readings together."""
+        ...
+
+
+def is_listed_for(model: ForwardModel, cone_deg: float, sigma: float) -> bool:
+    """Whether cells that were listed for a width and a noise serve a model."""
+    return cone_deg == model.cone_deg and _SMALLER * sigma <= model.sigma <= _LARGER * sigma
 
 
 class LeaveOneOut:
@@ -109,8 +136,7 @@ class LeaveOneOut:
         return float(np.log(likelihood).sum() - returns * math.log(width))
 
     def _is_listed_for(self, model: ForwardModel) -> bool:
-        cone, sigma = self._listed
-        return cone == model.cone_deg and _SMALLER * sigma <= model.sigma <= _LARGER * sigma
+        return is_listed_for(model, *self._listed)
 
     def _list(self, model: ForwardModel) -> None:
         if self._is_listed_for(model):

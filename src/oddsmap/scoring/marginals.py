@@ -14,7 +14,7 @@ from oddsmap.forward.cell_grid import CellField, Window, windows_of
 from oddsmap.full_map.full_map import FullMap
 from oddsmap.odds import sigmoid
 from oddsmap.posterior.belief import Belief
-from oddsmap.posterior.log_odds import LogOdds
+from oddsmap.posterior.count_view import CountView
 
 __all__ = ["Marginals"]
 
@@ -73,7 +73,7 @@ class Marginals:
 
 
 def _prior(belief: Belief, index: IntArray) -> FloatArray:
-    if isinstance(belief, LogOdds):
+    if isinstance(belief, CountView):
         return np.array(belief.prior_at(index))
     if isinstance(belief, FullMap):
         return np.full(len(index), belief.prior_log_odds)

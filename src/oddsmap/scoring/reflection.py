@@ -22,14 +22,18 @@ from oddsmap.kernels.units import ONE
 from oddsmap.odds import sigmoid
 from oddsmap.posterior.count_fit import fit_beta
 from oddsmap.posterior.count_pairs import count_pairs
+from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.scoring.reliability import BINS, Reliability
 
 __all__ = [
     "CALIBRATED",
+    "CLAMPED",
     "CONSTANT",
     "LOG_ODDS",
     "Predicted",
     "ReflectionScores",
+    "clamped",
+    "score_predictions",
     "score_reflection",
 ]
 
@@ -102,7 +106,7 @@ def score_reflection(grid: EvidenceMap, held_out: EvidenceMap) -> ReflectionScor
         InputError: another resolution, dimension or way to vote, or no known cell in common.
     """
     found = predict_reflection(grid, held_out)
-    scores = {name: _predicted(q, found.hits, found.passes) for name, q in found.by.items()}
+    scores = {name: score_predictions(q, found.hits, found.passes) for name, q in found.by.items()}
     return ReflectionScores(float((found.hits + found.passes).sum()), found.unknown, scores)
 
 
@@ -145,12 +149,10 @@ def predict_reflection(grid: EvidenceMap, held_out: EvidenceMap) -> Predictions:
             "or of another frame"
         )
     log_odds = grid.log_odds()
-    of_hit, of_pass, low, high = _OCTOMAP
-    clamped = grid.log_odds(p_hit=of_hit, p_miss=of_pass, prior=0.5, clamp=(low, high))
     a, b = fit_beta(count_pairs(grid))
     ways = {
         LOG_ODDS: sigmoid(log_odds.of_votes(h, p, log_odds.prior_at(index[known]))),
-        CLAMPED: sigmoid(clamped.of_votes(h, p)),
+        CLAMPED: sigmoid(clamped(grid).of_votes(h, p)),
         UNIFORM: (1.0 + h) / (2.0 + h + p),
         CALIBRATED: (a + h) / (a + b + h + p),
         CONSTANT: np.full(len(h), hits.sum() / votes),
@@ -158,7 +160,20 @@ def predict_reflection(grid: EvidenceMap, held_out: EvidenceMap) -> Predictions:
     return Predictions(hits, passes, ways, total - votes)
 
 
-def _predicted(q: FloatArray, hit: FloatArray, passed: FloatArray) -> Predicted:
+def clamped(grid: EvidenceMap) -> LogOdds:
+    """Log odds as OctoMap has them by default, but clamped once and not after each reading."""
+    of_hit, of_pass, low, high = _OCTOMAP
+    return grid.log_odds(p_hit=of_hit, p_miss=of_pass, prior=0.5, clamp=(low, high))
+
+
+def score_predictions(q: FloatArray, hit: FloatArray, passed: FloatArray) -> Predicted:
+    """Score probabilities of events, each weighing what happened and what did not.
+
+    Args:
+        q: the probabilities, shape (n,).
+        hit: how often it happened, shape (n,).
+        passed: how often it did not, shape (n,).
+    """
     n = hit + passed
     clipped = np.clip(q, _LEAST, 1.0 - _LEAST)
     loss = -(hit * np.log(clipped) + passed * np.log1p(-clipped)).sum() / n.sum()

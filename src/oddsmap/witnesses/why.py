@@ -31,6 +31,7 @@ from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 from oddsmap.scans.scan_part import part_of
+from oddsmap.scans.split_log import is_held
 from oddsmap.sensors.registry import KINDS, Sensor, sensor_of_log
 from oddsmap.witnesses.reach import beams_near
 
@@ -276,12 +277,12 @@ def _mapped(
     scans: Iterable[Measurement], entries: list[dict[str, Any]]
 ) -> Iterator[tuple[int, Measurement]]:
     """The scans that were mapped, with their numbers in the log."""
-    kept = {entry.get("hold_out_every") for entry in entries}
-    every = kept.pop() if len(kept) == 1 else None
+    kept = {(entry.get("hold_out_every"), entry.get("hold_out_run", 1)) for entry in entries}
+    every, run = kept.pop() if len(kept) == 1 else (None, 1)
     numbers: Counter[str] = Counter()
     for index, scan in enumerate(scans):
         numbers[scan.sensor_id] += 1
-        if every is None or numbers[scan.sensor_id] % every:
+        if every is None or not is_held(numbers[scan.sensor_id], every, run):
             yield index, scan
 
 
