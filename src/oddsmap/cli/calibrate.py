@@ -28,6 +28,7 @@ from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
     from oddsmap.scoring.calibration import Calibration
+    from oddsmap.scoring.mirrors import Mirrors
 
 __all__ = ["HELP", "calibrate"]
 
@@ -92,6 +93,8 @@ def calibrate(
         part.write_text(f"# From {log.name}, by oddsmap calibrate.\n{found.to_toml()}", "utf-8")
     for note in found.notes:
         voice.note(log, note)
+    for warning in found.warnings:
+        voice.note(log, f"warning: {warning}")
     voice.facts({"log": str(log), "output": str(output), **_facts(found)})
     _say(voice, found, output)
 
@@ -123,7 +126,14 @@ def _facts(found: Calibration) -> dict[str, Any]:
         "updates": found.updates,
         "converged": found.converged,
         "notes": list(found.notes),
+        "warnings": list(found.warnings),
+        "mirrors": None if found.mirrors is None else _statistics(found.mirrors),
     }
+
+
+def _statistics(mirrors: Mirrors) -> dict[str, float | None]:
+    shares = {name: getattr(mirrors, name) for name in ("correlation", "head_on", "aslant")}
+    return {name: None if math.isnan(share) else share for name, share in shares.items()}
 
 
 def _say(voice: Voice, found: Calibration, output: Path) -> None:

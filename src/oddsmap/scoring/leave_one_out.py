@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from oddsmap.array_types import FloatArray
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.forward.beam_rows import list_rows
 from oddsmap.forward.beams import Beams
@@ -100,6 +100,11 @@ class LeaveOneOut:
             self._field.belief, self._messages, out,
         )  # fmt: skip
         return out
+
+    def cells(self) -> tuple[IntArray, FloatArray]:
+        """Index of each cell, shape (n, d), x first, and p(occupied), shape (n,), of all beams."""
+        index = self._field.index(np.arange(len(self._field.belief)))
+        return index, 1.0 / (1.0 + np.exp(-self._field.belief / NAT))
 
     def log_likelihood(self, model: ForwardModel) -> float:
         """Sum over beams of the log density [1/m] of a reading, or probability of a no-return."""
