@@ -198,8 +198,8 @@ def online_anew(_: Path) -> Repeat:
 
 
 def online_on(_: Path) -> Repeat:
-    """One estimator where a robot drives the same way, time and again."""
-    estimator = oddsmap.OnlineFullMap(full_map().config)
+    """One estimator where a robot drives the same way, time and again; it keeps four old scans."""
+    estimator = oddsmap.OnlineFullMap(full_map().config, reservoir=4)
     return partial(estimator.add_scans, sonar())
 
 

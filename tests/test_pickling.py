@@ -26,7 +26,7 @@ CAMERA = oddsmap.PinholeCamera(10.0, 10.0, 1.5, 1.5, width=4, height=4)
 NAMES = [
     "BeamSensor", "Beams", "Calibrated", "ConeSensor", "Costmap", "DecayRate", "DepthScan",
     "DistanceBand", "DistanceField", "EvidenceMap", "ForwardModel", "FullMap", "FullMapConfig",
-    "GridScan", "LogOdds", "OverheadSensor", "PinholeCamera", "Pose2", "Pose3",
+    "GridScan", "LogOdds", "OnlineFullMap", "OverheadSensor", "PinholeCamera", "Pose2", "Pose3",
     "ProbabilityMap", "Reflection", "Scan", "State", "Thresholds", "Trajectory", "VoxelMap",
 ]  # fmt: skip
 
@@ -37,6 +37,8 @@ def held() -> dict[str, Any]:
     grid = oddsmap.build_map(SCANS, 0.2, votes="beam", path_lengths=True)
     cones = [Scan.from_cone((0, 0, 0), 0.0, 1.0, cone_deg=20)]
     full = oddsmap.build_full_map(cones, 0.5, sensor=CONE)
+    online = oddsmap.OnlineFullMap(full.config, window=1)
+    online.add_scans(cones * 3)
     space = oddsmap.build_map([Scan.from_points(np.eye(4), [[1.0, 0.5, 0.2]])], 0.2)
     return {
         "BeamSensor": oddsmap.BeamSensor(),
@@ -54,6 +56,7 @@ def held() -> dict[str, Any]:
         "FullMapConfig": oddsmap.FullMapConfig(),
         "GridScan": oddsmap.GridScan((0, 0, 0), np.eye(2), 0.1, (0, 0)),  # type: ignore[arg-type]
         "LogOdds": grid.log_odds(),
+        "OnlineFullMap": online,
         "OverheadSensor": oddsmap.OverheadSensor(),
         "PinholeCamera": CAMERA,
         "Pose2": oddsmap.Pose2(1.0, 2.0, 0.5),

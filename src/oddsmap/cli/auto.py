@@ -127,6 +127,7 @@ def lines_of_auto(facts: dict[str, Any]) -> list[str]:
     ]
     lines = [f"fitted   {', '.join(found)}"] if found else []
     lines += [f"note     {note}" for note in facts["notes"]]
+    lines += [f"warning  {warning}" for warning in facts.get("warnings", ())]
     if not facts.get("converged", True):
         lines.append(f"NOT at rest after {facts['updates']} updates: oddsmap calibrate goes on")
     return lines

@@ -110,6 +110,8 @@ def calibrate(
         part.write_text(f"# From {log.name}, by oddsmap calibrate.\n{found.to_toml()}", "utf-8")
     for note in found.notes:
         voice.note(log, note)
+    for warning in found.warnings:
+        voice.note(log, f"warning: {warning}")
     voice.facts({
         "log": str(log), "output": str(output), "estimator": chosen, **facts_of_fit(found)
     })  # fmt: skip

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from oddsmap.scoring.calibration import Calibration
+    from oddsmap.scoring.mirrors import Mirrors
 
 __all__ = ["facts_of_fit", "lines_of_fit"]
 
@@ -30,7 +31,14 @@ def facts_of_fit(found: Calibration) -> dict[str, Any]:
         "updates": found.updates,
         "converged": found.converged,
         "notes": list(found.notes),
+        "warnings": list(found.warnings),
+        "mirrors": None if found.mirrors is None else _statistics(found.mirrors),
     }
+
+
+def _statistics(mirrors: Mirrors) -> dict[str, float | None]:
+    shares = {name: getattr(mirrors, name) for name in ("correlation", "head_on", "aslant")}
+    return {name: None if math.isnan(share) else share for name, share in shares.items()}
 
 
 def lines_of_fit(found: Calibration) -> Iterator[str]:
@@ -42,6 +50,6 @@ def lines_of_fit(found: Calibration) -> Iterator[str]:
         error = found.errors[name]
         sure = "at its bound" if math.isnan(error) else f"+- {error:.2g}"
         yield f"{name:<11} {value:.4g} {sure} {_UNITS.get(name, '')}".rstrip()
-    yield (f"likelihood  {found.log_likelihood:+.4f} nats per beam, each predicted without itself")
+    yield f"likelihood  {found.log_likelihood:+.4f} nats per beam, each predicted without itself"
     if not found.converged:
         yield f"NOT at rest after {found.updates} updates: start from this sensor to go on"

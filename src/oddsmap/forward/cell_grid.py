@@ -57,6 +57,18 @@ class CellField:
         }
         self._show()
 
+    def __getstate__(self) -> dict[str, Any]:
+        # What the used parts show must go along as one array with them: copied apart, later
+        # messages would go into the one and growth would copy the other.
+        used = ("ndim", "start", "coords", "belief", "received", "observed")
+        return {name: getattr(self, name) for name in used}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["ndim"], state["start"])  # type: ignore[misc]
+        self.insert(state["coords"])
+        for name in ("belief", "received", "observed"):
+            getattr(self, name)[:] = state[name]
+
     def _show(self) -> None:
         # The arrays are the used part of larger arrays that double, so that adding blocks one by
         # one takes time in proportion to their number.
@@ -124,13 +136,8 @@ class CellField:
 
     def copy(self) -> CellField:
         """A field of its own, with the same numbers and values."""
-        other = CellField(self.ndim, self.start)
-        other.insert(self.coords)
-        other.belief[:], other.received[:], other.observed[:] = (
-            self.belief,
-            self.received,
-            self.observed,
-        )
+        other = CellField.__new__(CellField)
+        other.__setstate__(self.__getstate__())
         return other
 
     def find(self, coords: IntArray) -> npt.NDArray[np.int32]:

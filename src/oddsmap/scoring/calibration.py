@@ -20,6 +20,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,10 +29,16 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scoring.fit import NOISE, Fit
+from oddsmap.scoring.mirrors import Mirrors, look_for_mirrors
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.registry import Sensor, sensor_of_log
 from oddsmap.sensors.usable_beams import usable_beams
+
+if TYPE_CHECKING:
+    from oddsmap.forward.beams import Beams
+    from oddsmap.forward.model import ForwardModel
+    from oddsmap.scoring.leave_one_out import LeaveOneOut
 
 __all__ = ["BINS_PER_CELL", "Calibration", "calibrate", "no_dropouts"]
 
@@ -58,6 +65,7 @@ class Calibration:
         beams: how many readings.
         skipped: scans and beams that carry no information, by reason.
         notes: what the log could not tell.
+        mirrors: whether the walls of a log of cones look like mirrors, see `scoring.mirrors`.
     """
 
     sensor: BeamSensor | ConeSensor
@@ -70,6 +78,13 @@ class Calibration:
     beams: int
     skipped: Counter[str]
     notes: tuple[str, ...] = ()
+    mirrors: Mirrors | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubts about the fit as a whole, one sentence each."""
+        warning = "" if self.mirrors is None else self.mirrors.warning
+        return (warning,) if warning else ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -188,6 +203,21 @@ def calibrate(
         beams=len(beams),
         skipped=skipped + Counter(getattr(log, "skipped", {})),
         notes=() if work.no_returns.any() else (no_dropouts(model.p_dropout, skipped),),
+        mirrors=_mirrors(work, fit.model, beams, float(resolution)),
+    )
+
+
+def _mirrors(
+    work: LeaveOneOut, model: ForwardModel, beams: Beams, resolution: float
+) -> Mirrors | None:
+    # A narrow beam that grazes a wall crosses corners of its cells, and is heard farther on.
+    if model.cone_deg == 0.0:
+        return None
+    from oddsmap.kernels.infer.responsibilities import DROPOUT
+
+    dropout = work.causes(model)[:, DROPOUT]
+    return look_for_mirrors(
+        beams, dropout, *work.cells(), resolution=resolution, range_max=model.range_max
     )
 
 

@@ -18,7 +18,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.array_types import FloatArray
+from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.config.full_map import FullMapConfig
 from oddsmap.forward.beam_rows import list_rows
 from oddsmap.forward.beams import Beams
@@ -27,6 +27,7 @@ from oddsmap.forward.model import ForwardModel
 from oddsmap.full_map.belief_propagation import Propagation
 from oddsmap.kernels.infer.beam_factor import NAT
 from oddsmap.kernels.infer.responsibilities import LIKELIHOOD, causes
+from oddsmap.odds import sigmoid
 
 __all__ = ["LeaveOneOut", "Work", "is_listed_for"]
 
@@ -127,6 +128,11 @@ class LeaveOneOut:
             self._field.belief, self._messages, out,
         )  # fmt: skip
         return out
+
+    def cells(self) -> tuple[IntArray, FloatArray]:
+        """Index of each cell, shape (n, d), x first, and p(occupied), shape (n,), of all beams."""
+        index = self._field.index(np.arange(len(self._field.belief)))
+        return index, sigmoid(self._field.belief / NAT)
 
     def log_likelihood(self, model: ForwardModel) -> float:
         """Sum over beams of the log density [1/m] of a reading, or probability of a no-return."""
