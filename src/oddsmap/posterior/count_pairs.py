@@ -11,14 +11,14 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 
-__all__ = ["CountPairs", "count_pairs", "few_pairs"]
+__all__ = ["FEW_PAIRS", "CountPairs", "PairCounter", "count_pairs", "few_pairs"]
 
 # Weights that fade or are shared have few pairs in common; beyond this many they are rounded to a
 # sixteenth of a vote, which no fit can tell from themselves.
 _MAX_PAIRS = 1 << 18
 _SIXTEENTH = ONE // 16
 # A distribution on a grid is fitted to no more pairs than this: half a second.
-_FEW_PAIRS = 10_000
+FEW_PAIRS = 10_000
 _MOST_DIGITS, _LEAST_DIGITS = 7, 2  # binary
 
 
@@ -42,25 +42,25 @@ def count_pairs(evidence: Evidence) -> CountPairs:
 
     The same counts give the same pairs, whatever the order and the tiles they are in.
     """
-    found = _Pairs()
+    found = PairCounter()
     for _, hits, passes in evidence.tiles.parts():
         found.add(hits, passes)
-    hits, passes, cells = found.sorted()
-    return CountPairs(hits / ONE, passes / ONE, cells.astype(np.float64))
+    return found.pairs()
 
 
-def few_pairs(pairs: CountPairs) -> CountPairs:
+def few_pairs(pairs: CountPairs, most: int = FEW_PAIRS) -> CountPairs:
     """Pairs of counts that are rounded to fewer binary digits, as few as make them few.
 
     Args:
         pairs: the counts of a map.
+        most: how many are few.
 
     Returns:
         The same, where there are few; else rounded counts, as exact as can be.
     """
     digits = _MOST_DIGITS
     few = pairs
-    while len(few.cells) > _FEW_PAIRS and digits >= _LEAST_DIGITS:
+    while len(few.cells) > most and digits >= _LEAST_DIGITS:
         keys, place = np.unique(
             _rounded(pairs.hits, digits) + 1j * _rounded(pairs.passes, digits), return_inverse=True
         )
@@ -74,7 +74,7 @@ def _rounded(weights: FloatArray, digits: int) -> FloatArray:
     return np.asarray(np.ldexp(np.rint(np.ldexp(mantissa, digits)), exponent - digits))
 
 
-class _Pairs:
+class PairCounter:
     """Pairs of weights [1/65536 vote] with their numbers, as parts of a map are added."""
 
     def __init__(self) -> None:
@@ -84,6 +84,7 @@ class _Pairs:
         self._cells = np.empty(0, np.int64)
 
     def add(self, hits: IntArray, passes: IntArray) -> None:
+        """Count cells of these weights [1/65536 vote], shape (n,) each."""
         whole = ((hits | passes) % ONE == 0) & ((hits | passes) < 256 * ONE)
         small = (hits[whole] // ONE << 8) | (passes[whole] // ONE)
         self._table += np.bincount(small, minlength=len(self._table))
@@ -92,7 +93,8 @@ class _Pairs:
             ones = np.ones(np.count_nonzero(rest), np.int64)
             self._merge(hits[rest], passes[rest], ones)
 
-    def sorted(self) -> tuple[IntArray, IntArray, IntArray]:
+    def pairs(self) -> CountPairs:
+        """What has been counted."""
         small = np.flatnonzero(self._table)
         self._merge((small >> 8) * ONE, (small & 255) * ONE, self._table[small])
         if len(self._cells) > _MAX_PAIRS:
@@ -100,7 +102,8 @@ class _Pairs:
             self._passes = (self._passes + _SIXTEENTH // 2) // _SIXTEENTH * _SIXTEENTH
             nothing = np.empty(0, np.int64)
             self._merge(nothing, nothing, nothing)
-        return self._hits, self._passes, self._cells
+        cells = self._cells.astype(np.float64)
+        return CountPairs(self._hits / ONE, self._passes / ONE, cells)
 
     def _merge(self, hits: IntArray, passes: IntArray, cells: IntArray) -> None:
         hits = np.concatenate([self._hits, hits])
