@@ -18,6 +18,7 @@ from oddsmap.kernels.units import ONE
 from oddsmap.poses.at_times import PoseTrack
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.posterior.count_pairs import count_pairs
+from oddsmap.posterior.neighbour_codes import TileCodes
 from oddsmap.readers.carmen_messages import beam_directions
 from oddsmap.readers.lzf import decompress
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
@@ -154,6 +155,7 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     loaded.cells()
     loaded.crop(lo, hi).merge(grid)
     loaded.region(lo, hi)
+    TileCodes(loaded.tiles).region(lo, hi)
     view = loaded.log_odds()
     view.probability((lo, hi))
     view.at(np.ones((2, grid.ndim)))

@@ -245,6 +245,7 @@ def asking(grid: Callable[[], Any]) -> Workload:
         view.cast_rays(np.zeros_like(points), ways, 5.0, threads=2)
         view.ray_caster().cast(np.zeros_like(points), ways, 5.0)
         grid().calibrated().at(points)
+        grid().calibrated(neighbours=True).at(points)
         view.expected_ranges(np.zeros_like(points), ways, LIDAR)
         view.range_distribution(np.zeros_like(points), ways, LIDAR, bin_width=0.5)
         view.frontiers(min_cells=3)

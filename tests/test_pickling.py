@@ -44,6 +44,7 @@ def held() -> dict[str, Any]:
         "BeamSensor": oddsmap.BeamSensor(),
         "Beams": oddsmap.Beams.from_scans(SCANS)[0],
         "Calibrated": grid.calibrated(),
+        "NeighbourView": grid.calibrated(neighbours=True),
         "ConeSensor": CONE,
         "Costmap": grid.log_odds().costmap(0.2),
         "DecayRate": grid.decay_rate(),

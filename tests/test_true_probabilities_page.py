@@ -17,9 +17,11 @@ from tests.test_figures import script
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "true-probabilities.md"
 
 
-def test_the_block_does_what_the_page_says() -> None:
+def test_the_blocks_do_what_the_page_says() -> None:
     names: dict[str, Any] = {}
-    (block,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
+    block = "".join(
+        re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         exec(compile(block, PAGE.name, "exec"), names)
@@ -29,6 +31,9 @@ def test_the_block_does_what_the_page_says() -> None:
     free, wall = names["view"].reflectivity.at(names["places"])
     assert free < 0.01
     assert wall > 0.3
+    free, wall = names["around"].at(names["places"])
+    assert free < 0.01
+    assert wall > 0.9
 
 
 def test_the_picture_of_two_logs() -> None:

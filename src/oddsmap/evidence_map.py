@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-from oddsmap.errors import InputError
+from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.add_more import add_more
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from oddsmap.posterior.count_model import CountModel
     from oddsmap.posterior.decay_rate import DecayRate
     from oddsmap.posterior.log_odds import LogOdds
+    from oddsmap.posterior.neighbour_model import NeighbourModel
     from oddsmap.posterior.prior import MapLike
     from oddsmap.posterior.reflection import IntervalKind, Reflection
 
@@ -118,6 +119,7 @@ class EvidenceMap(Evidence):
         thresholds: Thresholds | None = None,
         clamp: tuple[float, float] | None = None,
         model: CountModel | None = None,
+        neighbours: bool | NeighbourModel = False,
     ) -> Calibrated:
         """Probabilities fitted to this map's counts: see `oddsmap.posterior.calibrated`.
 
@@ -126,7 +128,25 @@ class EvidenceMap(Evidence):
             thresholds: from which probabilities a cell is free or occupied; default: the map's.
             clamp: lowest and highest probability of the view; None: as they are.
             model: what was fitted to another map (`Calibrated.model`); None: to this one.
+            neighbours: True: also look at the counts around a cell, which tell something of cells
+                without evidence, too: see `oddsmap.posterior.neighbour_view`; or what such a view
+                has fitted to another map (`NeighbourView.neighbours`), without `model`.
+
+        Raises:
+            ConfigError: both `model` and `neighbours`, which fits its own.
         """
+        if neighbours is not False:
+            from oddsmap.posterior.neighbour_view import NeighbourView
+
+            if model is not None:
+                raise ConfigError(
+                    "a view with neighbours takes all it needs from neighbours=view.neighbours of "
+                    "the other map's view: leave out model"
+                )
+            given = None if neighbours is True else neighbours
+            return NeighbourView(
+                self, prior=prior, thresholds=thresholds, clamp=clamp, neighbours=given
+            )
         from oddsmap.posterior.calibrated import Calibrated
 
         return Calibrated(self, prior=prior, thresholds=thresholds, clamp=clamp, model=model)

@@ -38,9 +38,11 @@ def mixed(tables: Sequence[Sequence[float]], beams: float) -> list[float]:
     return [(1.0 - u) * a + u * b for a, b in zip(tables[k], tables[k + 1], strict=True)]
 
 
-def fitted(cells: Sequence[tuple[float, float]], steps: int) -> list[list[float]]:
+def fitted(
+    cells: Sequence[tuple[float, float]], steps: int, expected: list[float] | None = None
+) -> list[list[float]]:
     """The distributions after some steps of expectation maximisation."""
-    first, whole = start(), start()
+    first = whole = expected or start()
     for _ in range(steps):
         total = [10.0 * f for f in first]
         for h, p in cells:

@@ -114,6 +114,14 @@ def export(
             autocompletion=complete_view,
         ),
     ] = "log-odds",
+    neighbours: Annotated[
+        bool | None,
+        typer.Option(
+            "--neighbours",
+            help="Calibrated: also look at the counts around a cell; .npz lists cells without "
+            "evidence near others, too, as not observed.",
+        ),
+    ] = None,
     prior: Annotated[
         str | None,
         typer.Option(
@@ -261,6 +269,7 @@ def export(
         name: value
         for name, value in {
             "format": format_, "mode": mode, "shift": shift, "crs": crs, "frame": frame,
+            "neighbours": neighbours,
             "stamp": stamp, "prior": prior, "p_hit": p_hit, "p_miss": p_miss, "free": free,
             "occupied": occupied, "z_min": z_min,
             "z_max": z_max, "ground": ground, "rule": rule, "slab": slab, "clamp": clamp,
@@ -296,7 +305,7 @@ _VIEWS = {
     ),
     "calibrated": _View(
         write_calibrated,
-        frozenset({*_OF_FILES, "prior", "free", "occupied", *HEIGHTS}),
+        frozenset({*_OF_FILES, "neighbours", "prior", "free", "occupied", *HEIGHTS}),
     ),
     "full-map": _View(
         write_full_map,

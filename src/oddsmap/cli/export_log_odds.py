@@ -71,7 +71,8 @@ def _write(
     _check_values(options, number)
     check_files([source, prior_file], output, force=force, is_bag=kind == "ros2-bag")
     prior = number if prior_file is None else prior_map(prior_file, voice)
-    view = open_source(source, prior, rates, voice, calibrated=calibrated)
+    around = options.get("neighbours", False)
+    view = open_source(source, prior, rates, voice, calibrated=calibrated, neighbours=around)
     limits = thresholds_of(view, options)
     if isinstance(view, Belief):
         view.thresholds = limits

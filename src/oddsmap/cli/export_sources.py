@@ -41,6 +41,7 @@ def open_source(
     voice: Voice,
     *,
     calibrated: bool = False,
+    neighbours: bool = False,
 ) -> Source:
     """Open a map, with the view of its log odds where it has counts, or the calibrated one.
 
@@ -50,6 +51,7 @@ def open_source(
         rates: p_hit, p_miss and clamp, likewise.
         voice: says what is doubtful about a ROS map.
         calibrated: which view; a map without counts has none.
+        neighbours: whether that looks at the counts around a cell, too.
 
     Raises:
         OddsmapError: it is none of these, or has no counts and is asked for what needs them.
@@ -80,7 +82,7 @@ def open_source(
     check_no_image(source)
     grid = load_map(source)
     if calibrated:
-        return grid.calibrated(prior=prior, clamp=rates.get("clamp"))
+        return grid.calibrated(prior=prior, clamp=rates.get("clamp"), neighbours=neighbours)
     return grid.log_odds(prior=prior, **rates)
 
 

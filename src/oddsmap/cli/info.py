@@ -235,7 +235,7 @@ def _of_map(path: Path) -> dict[str, Any]:
 
         def add(self, part: Evidence) -> None:
             super().add(part)
-            self.counter.add(part)
+            self.counter.add_map(part)
 
     totals = read_totals(path, WithPairs)
     like = totals.like

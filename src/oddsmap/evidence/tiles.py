@@ -35,7 +35,7 @@ from oddsmap.kernels.vote.tiles import (
 )
 from oddsmap.limits import memory_limit
 
-__all__ = ["HEAVIEST", "PART", "Census", "TileStore"]
+__all__ = ["HEAVIEST", "PART", "Census", "TileStore", "distinct_rows"]
 
 HEAVIEST = MAX_UNITS + (255 << FRACTION_BITS)
 """The most units of a cell: 255 whole votes are counted apart before the limit is looked at."""
@@ -326,7 +326,7 @@ class TileStore:
         if len(index) == 0:
             return
         side, d = self.side, self.ndim
-        coords, tile = _distinct_rows(index // side)
+        coords, tile = distinct_rows(index // side)
         within = np.ravel_multi_index(tuple((index % side).T[::-1]), (side,) * d)
         # Flat, which NumPy adds at twice as fast as at three indices.
         at = 2 * side**d * tile[:, None] + side**d * np.arange(2) + within[:, None]
@@ -387,7 +387,7 @@ class TileStore:
         return (int(wide.max()) if wide.size else 0) + (255 << FRACTION_BITS)
 
 
-def _distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
+def distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
     """The distinct rows of whole numbers, and which of them each row is, shape (n,).
 
     As one number a row, which sorts ten times as fast as rows do, where there is such a number.

@@ -40,9 +40,11 @@ from oddsmap.posterior.vote_table import VoteTable
 if TYPE_CHECKING:
     from oddsmap.map_files.npz import Column
 
-__all__ = ["Calibrated"]
+__all__ = ["LEVEL", "Calibrated"]
 
-_LEVEL = 0.95
+LEVEL = 0.95
+"""Mass of the reflectivity's interval."""
+
 _REFLECTIVITY = np.dtype([(name, np.float32) for name in ("mean", "low", "high")])
 
 
@@ -99,7 +101,10 @@ class Calibrated(CountView):
         with warnings.catch_warnings():
             # A pair of votes a scan is what was fitted: no comparison with single beams is made.
             warnings.simplefilter("ignore")
-            self.reflectivity = Reflection(evidence, a=a, b=b, level=_LEVEL)
+            self.reflectivity = self._reflection((a, b))
+
+    def _reflection(self, beta: tuple[float, float]) -> Reflection:
+        return Reflection(self.evidence, a=beta[0], b=beta[1], level=LEVEL)
 
     def increment(self, hits: npt.ArrayLike, passes: npt.ArrayLike) -> FloatArray:
         """The log Bayes factor of weights of hits and passes [votes]; 0 for none."""
@@ -125,5 +130,5 @@ class Calibrated(CountView):
         alpha, beta = self.reflectivity.a + hits, self.reflectivity.b + passes
         values = np.empty(len(hits), _REFLECTIVITY)
         values["mean"] = alpha / (alpha + beta)
-        values["low"], values["high"] = beta_interval(alpha, beta, _LEVEL)
+        values["low"], values["high"] = beta_interval(alpha, beta, LEVEL)
         return values

@@ -19,9 +19,9 @@ import numpy as np
 
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.posterior.count_model import KNOTS, LOG_MISS, LOG_REFLECT, CountModel, knots_of
-from oddsmap.posterior.count_pairs import CountPairs, few_pairs
+from oddsmap.posterior.count_pairs import FEW_PAIRS, CountPairs, few_pairs
 
-__all__ = ["fit_beta", "fit_model"]
+__all__ = ["BETA", "fit_beta", "fit_model"]
 
 # Mean, deviation of the logit, and share: what is expected of reflectivities. It is worth as many
 # cells, and the distribution among all cells as many of each number of beams.
@@ -29,23 +29,24 @@ _START = ((0.003, 2.0, 0.9), (0.55, 1.2, 0.1))
 _CELLS_OF_START, _CELLS_OF_WHOLE = 10.0, 50.0
 _STEPS = 60
 # Of the Beta distribution: where parameters start, and what counts that say nothing leave them at.
-_BETA = (0.02, 1.0)
+BETA = (0.02, 1.0)
 _BETA_LIMITS = (1e-4, 1e3)
 # Standard deviation of the priors of logits and logarithms.
 _PRIOR_SD = 1.5
 
 
-def fit_beta(pairs: CountPairs) -> tuple[float, float]:
+def fit_beta(pairs: CountPairs, expected: tuple[float, float] = BETA) -> tuple[float, float]:
     """The Beta prior of reflectivity under which counts are most probable.
 
     Args:
         pairs: the counts of a map.
+        expected: where parameters start, and stay if there are no counts.
 
     Returns:
         Weights of hits and of passes [votes].
     """
     table = _Tables(pairs)
-    start = np.log(_BETA)
+    start = np.log(expected)
 
     def cost(logs: FloatArray) -> tuple[float, FloatArray]:
         alpha, beta = np.exp(logs)
@@ -61,7 +62,9 @@ def fit_beta(pairs: CountPairs) -> tuple[float, float]:
     return float(alpha), float(beta)
 
 
-def fit_model(pairs: CountPairs) -> CountModel:
+def fit_model(
+    pairs: CountPairs, expected: CountModel | None = None, most: int = FEW_PAIRS
+) -> CountModel:
     """How reflectivities are distributed among cells, so that their counts are most probable.
 
     First among all cells, then among those of each number of beams, of which the former is what
@@ -70,21 +73,23 @@ def fit_model(pairs: CountPairs) -> CountModel:
 
     Args:
         pairs: the counts of a map.
+        expected: what is expected of the distribution among all; None: of any map.
+        most: more pairs than this are rounded to fewer.
     """
-    pairs = few_pairs(pairs)
+    pairs = few_pairs(pairs, most)
     below, share = knots_of(pairs.hits + pairs.passes)
     order = np.argsort(below, kind="stable")  # so that sums of each knot go over neighbours
     h, p, cells = pairs.hits[order], pairs.passes[order], pairs.cells[order]
     log_p = h[:, None] * LOG_REFLECT + p[:, None] * LOG_MISS
     likelihood = np.exp(log_p - log_p.max(axis=1, keepdims=True))
-    whole = _of_all(likelihood, cells)
+    start = _start() if expected is None else np.array(expected.distributions[0])
+    whole = _of_all(likelihood, cells, start)
     each = _of_knots(likelihood, cells, below[order], share[order], whole)
     return CountModel(tuple(tuple(row) for row in (whole, *each[1:])))
 
 
-def _of_all(likelihood: FloatArray, cells: FloatArray) -> list[float]:
+def _of_all(likelihood: FloatArray, cells: FloatArray, start: FloatArray) -> list[float]:
     """One distribution for all pairs, whose likelihoods have shape (pairs, reflectivities)."""
-    start = _start()
     whole = start
     for _ in range(_STEPS):
         found = likelihood * whole

@@ -62,6 +62,12 @@ class CountModel:
         """Share of occupied cells: p(occupied) of a known cell before its counts are looked at."""
         return float((np.array(self.distributions[0]) * occupied_at()).sum())
 
+    @property
+    def prior_log_odds(self) -> float:
+        """Log odds of `occupied_share`."""
+        share = self.occupied_share
+        return float(np.log(share) - np.log1p(-share))
+
     def log_bayes_factor(self, hits: npt.ArrayLike, passes: npt.ArrayLike) -> FloatArray:
         """How much more counts speak for an occupied cell than for one that is not [nats].
 
@@ -72,8 +78,12 @@ class CountModel:
         Returns:
             log p(hits, passes | occupied) - log p(hits, passes | not), exactly 0 for no evidence.
         """
+        return self.log_odds(hits, passes) - self.prior_log_odds
+
+    def log_odds(self, hits: npt.ArrayLike, passes: npt.ArrayLike) -> FloatArray:
+        """Log odds of an occupied cell under the fitted share; arguments as `log_bayes_factor`."""
         h, p = np.broadcast_arrays(np.asarray(hits, np.float64), np.asarray(passes, np.float64))
-        factor, seen = np.zeros(h.shape), (h > 0.0) | (p > 0.0)
+        factor, seen = np.full(h.shape, self.prior_log_odds), (h > 0.0) | (p > 0.0)
         if seen.any():
             # Each pair of counts once: there are a hundred times fewer than cells.
             some, back = np.unique(h[seen] + 1j * p[seen], return_inverse=True)
@@ -92,8 +102,7 @@ class CountModel:
             joint = prior * np.exp(h * log_r + p * log_q - best)
             yes += occupied[j] * joint
             no += (1.0 - occupied[j]) * joint
-        known = self.occupied_share
-        return np.asarray(np.log(yes) - np.log(no) - (np.log(known) - np.log1p(-known)))
+        return np.asarray(np.log(yes) - np.log(no))
 
 
 def occupied_at() -> FloatArray:

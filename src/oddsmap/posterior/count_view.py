@@ -118,7 +118,9 @@ class CountView(Belief):
             prior_log_odds: of the cells they belong to; None: those of `prior`, for all.
         """
         prior = logit(self.prior) if prior_log_odds is None else np.asarray(prior_log_odds)
-        log_odds: FloatArray = np.asarray(prior + self.increment(hits, passes), np.float64)
+        return self._clamped(np.asarray(prior + self.increment(hits, passes), np.float64))
+
+    def _clamped(self, log_odds: FloatArray) -> FloatArray:
         if self.clamp is None:
             return log_odds
         low, high = logit(self.clamp)

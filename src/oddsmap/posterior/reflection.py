@@ -160,5 +160,5 @@ class Reflection(BetaView):
         alpha, beta = self.a + hits, self.b + passes
         values = np.empty(len(hits), _VALUES)
         values["mean"], values["std"] = beta_mean(alpha, beta), beta_std(alpha, beta)
-        values["lower"], values["upper"] = self._intervals(alpha, beta)
+        values["lower"], values["upper"] = self.intervals(alpha, beta)
         return values

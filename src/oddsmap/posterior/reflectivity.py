@@ -197,7 +197,7 @@ class BetaView(Queries, ABC):
     def _states_at(self, cells: IntArray, thresholds: Thresholds | None) -> PointStates:
         _no_thresholds(thresholds)
         alpha, beta, observed = self.parameters_at(cells)
-        lower, upper = self._intervals(alpha, beta)
+        lower, upper = self.intervals(alpha, beta)
         # A surprise may leave less weight than the prior's: that is no count.
         hits, passes = np.maximum(alpha - self.a, 0.0), np.maximum(beta - self.b, 0.0)
         state = self._decided(lower, upper, observed)
@@ -208,7 +208,7 @@ class BetaView(Queries, ABC):
     ) -> Iterator[tuple[IntArray, npt.NDArray[np.int8]]]:
         _no_thresholds(thresholds)
         index, alpha, beta = self.cells()
-        lower, upper = self._intervals(alpha, beta)
+        lower, upper = self.intervals(alpha, beta)
         yield index, self._decided(lower, upper, np.ones(len(index), np.bool_))
 
     def _probability_parts(self) -> Iterator[tuple[IntArray, FloatArray]]:
@@ -309,11 +309,11 @@ class BetaView(Queries, ABC):
         """What `save_npz` writes of the known cells: index, weights, and values by name."""
         index, alpha, beta = self.cells()
         hits, passes = self._counts()
-        lower, upper = self._intervals(alpha, beta)
+        lower, upper = self.intervals(alpha, beta)
         values = {"mean": beta_mean(alpha, beta), "std": beta_std(alpha, beta)}
         return index, hits, passes, {**values, "lower": lower, "upper": upper}
 
-    def _intervals(self, alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    def intervals(self, alpha: FloatArray, beta: FloatArray) -> FloatArray:
         """Lower and upper ends of the view's interval, shape (2, n)."""
         return _on_unique_pairs(
             lambda x, y: np.stack(beta_interval(x, y, self.level, self.kind)), alpha, beta
