@@ -111,7 +111,7 @@ FLOORS = (
     ("image_file", "poses"),
     ("atomic_write", "cell_index", "decoding", "odds", "warm_up"),
     ("limits",),
-    ("array_types", "errors", "version"),
+    ("array_types", "errors", "short_repr", "version"),
     ("kernels",),
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}

@@ -20,7 +20,7 @@ import dataclasses
 import math
 import time
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -40,6 +40,7 @@ from oddsmap.scans.scan import Scan
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.registry import settings_of
 from oddsmap.sensors.usable_beams import usable_beams
+from oddsmap.short_repr import counted, described, in_bytes
 from oddsmap.warm_up import warm_up
 
 if TYPE_CHECKING:
@@ -84,6 +85,15 @@ class OnlineFullMap:
         ConfigError: the sensor has no forward model, a parameter is outside its range, or a
             setting of the filter is set.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield f"cells of {self.config.map.resolution:g} m, sensor {self.config.sensor.kind}"
+        yield f"{counted(self.report.scans, 'scan')}, {counted(self.report.beams, 'beam')}"
+        yield f"window of {counted(self._window, 'scan')}"
+        yield in_bytes(self.nbytes)
 
     def __init__(self, config: Config, *, window: int = 10, prior_every: int = 5) -> None:
         sensor = ranging_sensor(config)

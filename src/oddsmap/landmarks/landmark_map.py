@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from oddsmap.landmarks.landmark import Landmark, Track
 from oddsmap.landmarks.observations import Observations
 from oddsmap.landmarks.store import read_json, save_csv, save_json
 from oddsmap.poses.pose import Pose2
+from oddsmap.short_repr import counted, described
 
 __all__ = ["LandmarkMap"]
 
@@ -58,6 +59,17 @@ class LandmarkMap:
     Raises:
         ConfigError: an argument outside its range.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield f"{self.ndim}D"
+        yield counted(len(self.landmarks), "landmark")
+        yield f"{self.tentative:,} tentative, {self.unlocated:,} not located"
+        yield f"gates {self.gate:g}, {self.new_gate:g}"
+        if lost := self.skipped.total():
+            yield f"{lost:,} skipped"
 
     def __init__(
         self,

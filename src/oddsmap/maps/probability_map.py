@@ -24,6 +24,7 @@ from oddsmap.query.places import check_places, points_in
 from oddsmap.query.queries import PointStates, Queries
 from oddsmap.query.scan_at_poses import Frame
 from oddsmap.scans.note import Note
+from oddsmap.short_repr import counted, described, extent_of, grid_facts
 
 __all__ = ["ProbabilityMap", "load_ros"]
 
@@ -50,6 +51,20 @@ class ProbabilityMap(Queries):
     origin: tuple[float, float] = (0.0, 0.0)
     yaw: float = 0.0
     notes: tuple[Note, ...] = ()
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        ny, nx = self.observed.shape
+        yield from grid_facts(2, self.resolution, int(np.count_nonzero(self.observed)), None)
+        yield f"{nx} x {ny} cells"
+        if self.yaw == 0.0:
+            yield extent_of(self.origin, np.add(self.origin, np.array([nx, ny]) * self.resolution))
+        else:
+            yield f"origin {self.origin[0]:.10g}, {self.origin[1]:.10g} m, yaw {self.yaw:.6g} rad"
+        if self.notes:
+            yield counted(len(self.notes), "note")
 
     def __post_init__(self) -> None:
         if self.probability.ndim != 2 or self.probability.shape != self.observed.shape:

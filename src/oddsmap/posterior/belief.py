@@ -19,6 +19,7 @@ from oddsmap.map_files.fields import PlanePart, PointPart
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, decided_by, sigmoid
 from oddsmap.query.queries import PointStates, Queries
+from oddsmap.short_repr import described, grid_facts
 
 if TYPE_CHECKING:
     import xarray
@@ -44,6 +45,12 @@ class Belief(Queries, ABC):
 
     thresholds: Thresholds
     prior: float
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from grid_facts(self.ndim, self.resolution, None, self.bounds())
 
     @property
     @abstractmethod

@@ -34,6 +34,7 @@ from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import sigmoid
 from oddsmap.posterior.log_odds import LogOdds
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Changes", "changed"]
 
@@ -51,6 +52,8 @@ class Changes:
     index: IntArray
     probability: FloatArray
     resolution: float
+
+    __repr__ = short_repr
 
     def to_probability_map(self) -> ProbabilityMap:
         """Probabilities of a change with their place in the world; 0 where not observed.

@@ -68,6 +68,13 @@ class CountView(Belief):
         InputError: the prior map does not fit.
     """
 
+    def _facts(self) -> Iterator[str]:
+        yield from self.evidence.place_facts()
+        yield f"prior {self.prior:.4g}" + ("" if self.prior_map is None else " and a map")
+        yield f"free to {self.thresholds.free:g}, occupied from {self.thresholds.occupied:g}"
+        if self.clamp is not None:
+            yield f"clamped to {self.clamp[0]:g}..{self.clamp[1]:g}"
+
     def __init__(
         self,
         evidence: Evidence,

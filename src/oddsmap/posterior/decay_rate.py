@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -35,6 +35,7 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.query.places import Placed
+from oddsmap.short_repr import described
 
 __all__ = ["DecayQuantity", "DecayRate"]
 
@@ -62,6 +63,14 @@ class DecayRate(Placed):
         InputError: the map keeps no path lengths.
         ConfigError: a value is outside its range.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from self.evidence.place_facts()
+        yield f"Gamma prior of shape {self.shape:g}, rate {self.rate:g} m"
+        yield f"intervals of {self.level:g}"
 
     def __init__(
         self,

@@ -18,6 +18,7 @@ for robot localization with lidar sensors (2017), section III-A (the Beta poster
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -66,6 +67,10 @@ class Reflection(BetaView):
     Raises:
         ConfigError: a value is outside its range.
     """
+
+    def _facts(self) -> Iterator[str]:
+        yield from self.evidence.place_facts()
+        yield from self._settings_facts()
 
     def __init__(
         self,

@@ -24,6 +24,7 @@ from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import State, Thresholds
 from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
 from oddsmap.query.queries import PointStates, Queries
+from oddsmap.short_repr import described, grid_facts
 
 if TYPE_CHECKING:
     from oddsmap.map_files.npz import Column
@@ -66,6 +67,18 @@ class BetaView(Queries, ABC):
     """
 
     _reflects: ClassVar[bool] = True
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from grid_facts(self.ndim, self.resolution, None, self.bounds())
+        yield from self._settings_facts()
+
+    def _settings_facts(self) -> Iterator[str]:
+        yield f"Beta prior {self.a:.4g}, {self.b:.4g}"
+        yield f"threshold {self.threshold:g}"
+        yield f"{self.kind} intervals of {self.level:g}"
 
     def __init__(
         self, *, a: float, b: float, threshold: float, level: float, kind: IntervalKind

@@ -34,6 +34,7 @@ from oddsmap.projection.floor import Limits, Verdict, judge_columns
 from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
 from oddsmap.query.given_numbers import check_numbers
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Traversability", "traversable"]
 
@@ -60,6 +61,8 @@ class Traversability:
     fits: BoolArray
     resolution: float
     origin: tuple[float, float]
+
+    __repr__ = short_repr
 
     def to_probability_map(self) -> ProbabilityMap:
         """A 2D map for planners: free cells 0.02, what cannot be driven over 0.98.

@@ -38,6 +38,7 @@ from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.obstacles import View
 from oddsmap.query.places import Framed
 from oddsmap.query.squared_distances import squared_to
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Costmap", "inflate", "make_costmap"]
 
@@ -71,6 +72,8 @@ class Costmap(Framed):
     resolution: float
     lo: IntArray
     map_from_cells: tuple[FloatArray, FloatArray] | None = None
+
+    __repr__ = short_repr
 
     @property
     def ndim(self) -> int:

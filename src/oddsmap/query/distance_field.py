@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from oddsmap.query.obstacles import Obstacles, View, Watch
 from oddsmap.query.places import Framed
 from oddsmap.query.renewal import boxes_to_renew
 from oddsmap.query.squared_distances import Mask, Squared, none_of, squared_to
+from oddsmap.short_repr import described, grid_facts, in_bytes
 
 __all__ = ["DistanceField", "box_given"]
 
@@ -60,6 +62,16 @@ class DistanceField(Framed):
     Source:
         Felzenszwalb, Huttenlocher: Distance transforms of sampled functions (2012).
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from grid_facts(self.ndim, self.resolution, None, (self._box.lo, self._box.hi))
+        yield "signed" if self.signed else "unsigned"
+        if self.max_distance is not None:
+            yield f"up to {self.max_distance:g} m"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self,

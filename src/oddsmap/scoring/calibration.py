@@ -32,6 +32,7 @@ from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.registry import Sensor, sensor_of_log
 from oddsmap.sensors.usable_beams import usable_beams
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Calibration", "calibrate"]
 
@@ -70,6 +71,8 @@ class Calibration:
     beams: int
     skipped: Counter[str]
     notes: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     @property
     def values(self) -> dict[str, float]:

@@ -32,6 +32,7 @@ from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 from oddsmap.scans.scan_part import part_of
 from oddsmap.sensors.registry import KINDS, Sensor, sensor_of_log
+from oddsmap.short_repr import short_repr
 from oddsmap.witnesses.reach import beams_near
 
 __all__ = ["Explanation", "ScanVote", "why"]
@@ -69,6 +70,8 @@ class ScanVote:
     beam_hits: FloatArray
     beam_passes: FloatArray
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
@@ -95,6 +98,8 @@ class Explanation:
     map_hits: float
     map_passes: float
     notes: tuple[Note, ...]
+
+    __repr__ = short_repr
 
     @property
     def complete(self) -> bool:
