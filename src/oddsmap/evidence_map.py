@@ -23,9 +23,13 @@ from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor, agreeing, sensor_of_log
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     import numpy.typing as npt
+    from matplotlib.axes import Axes
 
     from oddsmap.odds import Thresholds
+    from oddsmap.plot.on_axes import PlotOptions
     from oddsmap.posterior.calibrated import Calibrated
     from oddsmap.posterior.count_model import CountModel
     from oddsmap.posterior.decay_rate import DecayRate
@@ -166,6 +170,16 @@ class EvidenceMap(Evidence):
         from oddsmap.posterior.decay_rate import DecayRate
 
         return DecayRate(self, shape=shape, rate=rate, level=level)
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the view of its log odds into axes of Matplotlib, as `LogOdds.plot` does.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        return self.log_odds().plot(ax, **options)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the map as a Zarr folder: see `oddsmap.evidence.store.save_map`."""

@@ -12,6 +12,7 @@ import typer
 from oddsmap.cli.made_of_maps import SavedMap, read_map
 from oddsmap.cli.merge_doubts import frames_differ, votes_differ
 from oddsmap.cli.options import Quiet, Verbose, force_option, json_option
+from oddsmap.cli.picture_options import PICTURES
 from oddsmap.cli.progress import working
 from oddsmap.cli.voice import Voice
 
@@ -58,7 +59,7 @@ def compare(
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     if plot is not None:
-        check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
+        check_suffix(plot, PICTURES, "a picture must have a name that ends in .png, .pdf or .svg")
     check_files([first, second], plot, force=force)
     views = read_map(first, voice).log_odds(), read_map(second, voice).log_odds()
     try:

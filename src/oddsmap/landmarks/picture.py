@@ -15,7 +15,7 @@ from oddsmap.array_types import FloatArray
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.landmarks.landmark import Landmark
-from oddsmap.plot.picture import round_length
+from oddsmap.plot.frame import round_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,13 @@ from oddsmap.query.queries import PointStates, Queries
 from oddsmap.query.scan_at_poses import Frame
 from oddsmap.scans.note import Note
 from oddsmap.short_repr import counted, described, extent_of, grid_facts
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["ProbabilityMap", "load_ros"]
 
@@ -153,6 +161,18 @@ class ProbabilityMap(Queries):
             thresholds: what is free and what is occupied; by default 0.196, 0.65.
         """
         return decided_by(thresholds, Thresholds()).state(self.probability, self.observed)
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.on_axes import plot_probability
+
+        return plot_probability(self, ax, **options)
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the observed cells as arrays, without counts: `oddsmap.map_files.npz.save_npz`.

@@ -22,12 +22,17 @@ from oddsmap.query.queries import PointStates, Queries
 from oddsmap.short_repr import described, grid_facts
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     import xarray
+    from matplotlib.axes import Axes
 
     from oddsmap.map_files.fields import Leaves, OfLogOdds, Plane
     from oddsmap.map_files.octomap_range import Shift
     from oddsmap.map_files.ros_reader import RosMode
     from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.plot.layout import FrameOptions
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["Belief", "Region"]
 
@@ -257,11 +262,36 @@ class Belief(Queries, ABC):
             force=force,
         )
 
-    def save_png(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Draw the map: see `oddsmap.plot.picture.save_png`."""
-        from oddsmap.plot.picture import save_png
+    def save_png(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        force: bool = False,
+        **options: Unpack[FrameOptions],
+    ) -> None:
+        """Draw the map as `.png`, `.pdf` or `.svg`: see `oddsmap.plot.picture.save_picture`.
 
-        save_png(self.to_probability_map(), Path(path), force=force)
+        Args:
+            path: the file to write.
+            force: True where an existing file may be replaced.
+            options: title, trajectory, crop, size, whole: see
+                `oddsmap.plot.layout.FrameOptions`.
+        """
+        from oddsmap.plot.picture import save_picture
+
+        save_picture(self.to_probability_map(), Path(path), force=force, **options)
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.on_axes import plot_probability
+
+        return plot_probability(self.to_probability_map(), ax, **options)
 
     def save_octomap(
         self,

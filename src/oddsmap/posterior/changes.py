@@ -24,6 +24,7 @@ Robotics (2005), table 9.1.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,6 +36,13 @@ from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import sigmoid
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.short_repr import short_repr
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["Changes", "changed"]
 
@@ -72,6 +80,19 @@ class Changes:
         probability[y, x], observed[y, x] = self.probability, True
         origin = (float(lo[0]) * self.resolution, float(lo[1]) * self.resolution)
         return ProbabilityMap(probability, observed, self.resolution, origin)
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw changes into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.on_axes import plot_quantity
+
+        grid = self.to_probability_map()
+        return plot_quantity(grid, ax, label="P(changed)", limits=(0.0, 1.0), **options)
 
 
 def changed(before: LogOdds, after: LogOdds, *, p_change: float = 0.1) -> Changes:

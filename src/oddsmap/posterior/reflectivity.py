@@ -27,8 +27,14 @@ from oddsmap.query.queries import PointStates, Queries
 from oddsmap.short_repr import described, grid_facts
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
     from oddsmap.map_files.npz import Column
     from oddsmap.map_files.ros_reader import RosMode
+    from oddsmap.plot.layout import FrameOptions
+    from oddsmap.plot.on_axes import PlotOptions
 
     Rows: TypeAlias = npt.NDArray[Any] | Column
 
@@ -281,22 +287,55 @@ class BetaView(Queries, ABC):
         )
 
     def save_png(
-        self, path: str | os.PathLike[str], *, show: Quantity = "mean", force: bool = False
+        self,
+        path: str | os.PathLike[str],
+        *,
+        show: Quantity = "mean",
+        force: bool = False,
+        **options: Unpack[FrameOptions],
     ) -> None:
-        """Draw a quantity: see `oddsmap.plot.quantity.save_quantity`.
+        """Draw a quantity as `.png`, `.pdf` or `.svg`: see `oddsmap.plot.quantity.save_quantity`.
 
         Args:
-            path: the `.png` to write.
+            path: the file to write.
             show: what to draw.
             force: True where an existing file may be replaced.
+            options: title, trajectory, crop, size, whole: see
+                `oddsmap.plot.layout.FrameOptions`.
         """
         from oddsmap.plot.quantity import save_quantity
 
-        whole = show not in ("std", "interval-width")
         save_quantity(
-            self._plane(show), Path(path), label=self._label(show),
-            limits=(0.0, 1.0) if whole else None, force=force,
+            self._plane(show), Path(path), label=self._label(show), limits=self._limits(show),
+            force=force, **options,
         )  # fmt: skip
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        show: Quantity = "mean",
+        **options: Unpack[PlotOptions],
+    ) -> Axes:
+        """Draw a quantity into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            show: what to draw.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+
+        Raises:
+            InputError: a 3D map.
+        """
+        from oddsmap.plot.on_axes import plot_quantity
+
+        return plot_quantity(
+            self._plane(show), ax, label=self._label(show), limits=self._limits(show), **options
+        )
+
+    def _limits(self, show: Quantity) -> tuple[float, float] | None:
+        return None if show in ("std", "interval-width") else (0.0, 1.0)
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write cells, counts and the posterior: see `oddsmap.map_files.npz.save_npz`.

@@ -16,6 +16,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,13 @@ from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
 from oddsmap.query.given_numbers import check_numbers
 from oddsmap.short_repr import short_repr
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["Traversability", "traversable"]
 
@@ -75,6 +83,19 @@ class Traversability:
         seen = self.verdict != Verdict.UNKNOWN
         p[~seen] = 0.5
         return ProbabilityMap(p, seen, self.resolution, self.origin)
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the verdicts into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.on_axes import plot_probability
+
+        label = "free (white), undecided (grey), blocked (black)"
+        return plot_probability(self.to_probability_map(), ax, label=label, **options)
 
     def save_ros(self, path: str | os.PathLike[str], *, force: bool = False) -> tuple[Path, Path]:
         """Write it as a ROS map: see `oddsmap.map_files.ros_writer.save_ros`."""

@@ -23,7 +23,7 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,13 @@ from oddsmap.query.obstacles import View
 from oddsmap.query.places import Framed
 from oddsmap.query.squared_distances import squared_to
 from oddsmap.short_repr import short_repr
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["Costmap", "inflate", "make_costmap"]
 
@@ -123,6 +130,22 @@ class Costmap(Framed):
         inside = ((place >= 0) & (place < self.cost.shape[::-1])).all(axis=1)
         found[inside] = self.cost[tuple(place[inside].T[::-1])]
         return found
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw costs into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.layout import Cells
+        from oddsmap.plot.on_axes import plot_quantity
+
+        known = self.cost != self.NO_INFORMATION
+        cells = Cells(self.cost.astype(np.float64), known, self.resolution, self.origin, self.yaw)
+        label = f"cost ({self.INSCRIBED} inscribed, {self.LETHAL} lethal)"
+        return plot_quantity(cells, ax, label=label, limits=(0.0, float(self.LETHAL)), **options)
 
     def save_ros(self, path: str | os.PathLike[str], *, force: bool = False) -> tuple[Path, Path]:
         """Write a map for ROS's map_server, mode raw: it publishes what `occupancy` holds.

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,13 @@ from oddsmap.query.places import Framed
 from oddsmap.query.renewal import boxes_to_renew
 from oddsmap.query.squared_distances import Mask, Squared, none_of, squared_to
 from oddsmap.short_repr import described, grid_facts, in_bytes
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["DistanceField", "box_given"]
 
@@ -319,6 +326,35 @@ class DistanceField(Framed):
     def distance(self) -> FloatArray:
         """Distances [m], in the shape of `squared`; infinite where there is none."""
         return self._in_metres(self.squared)
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw distances into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+
+        Raises:
+            InputError: a 3D field.
+        """
+        from oddsmap.plot.layout import Cells
+        from oddsmap.plot.on_axes import plot_quantity
+
+        if self.ndim != 2:
+            raise InputError("a plot needs a 2D field, this one is 3D")
+        distance, (turn, corner) = self.distance, self.map_from_cells or (np.eye(2), np.zeros(2))
+        x, y = turn @ (self.lo * self.resolution) + corner
+        yaw = math.atan2(turn[1, 0], turn[0, 0])
+        cells = Cells(distance, np.isfinite(distance), self.resolution, (float(x), float(y)), yaw)
+        reach = "" if self.max_distance is None else f" within {self.max_distance:g} m"
+        return plot_quantity(
+            cells,
+            ax,
+            label="distance to the nearest obstacle [m]",
+            missing=f"none{reach}",
+            **options,
+        )
 
     def at(self, points: npt.ArrayLike) -> FloatArray:
         """Distances at points, those of the cells that hold them.
