@@ -16,6 +16,7 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.add_more import add_more
 from oddsmap.integrate.forgetting import last_number, last_stamp, numbered
+from oddsmap.plot.thumbnail import Pictured, Thumbnail
 from oddsmap.scans.given_scans import scans_alone, scans_given
 from oddsmap.scans.log import Log, parts_of
 from oddsmap.scans.measurement import Measurement
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 __all__ = ["EvidenceMap", "build_map", "load_map"]
 
 
-class EvidenceMap(Evidence):
+class EvidenceMap(Evidence, Pictured):
     """Hits and passes of a field of cells, and what can be made of them.
 
     A map is `oddsmap.evidence.evidence.Evidence`, with views and files; its arguments are those of
@@ -170,6 +171,9 @@ class EvidenceMap(Evidence):
         from oddsmap.posterior.decay_rate import DecayRate
 
         return DecayRate(self, shape=shape, rate=rate, level=level)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        return self.log_odds()._thumbnail()
 
     def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the view of its log odds into axes of Matplotlib, as `LogOdds.plot` does.

@@ -54,7 +54,7 @@ def test_everything_of_the_plane_plots(grid: oddsmap.EvidenceMap) -> None:
         ax = figure.add_subplot()
         assert thing.plot(ax, title=name, trajectory=[[0, 0], [1, 0]]) is ax
         figure.canvas.draw()
-        assert ax.get_title() == name
+        assert ax.get_title(loc="left") == name
         assert len(figure.axes) == 2, f"{name} has no colour bar"
         assert figure.axes[1].get_ylabel(), f"{name} does not say what its colours are"
         assert (ax.get_xlabel(), ax.get_ylabel()) == ("x [m]", "y [m]")

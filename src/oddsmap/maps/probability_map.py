@@ -21,6 +21,7 @@ from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import box_cells, cell_indices
 from oddsmap.errors import InputError
 from oddsmap.odds import Thresholds, decided_by
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_probability, shrunk
 from oddsmap.query.places import check_places, points_in
 from oddsmap.query.queries import PointStates, Queries
 from oddsmap.query.scan_at_poses import Frame
@@ -38,7 +39,7 @@ __all__ = ["ProbabilityMap", "load_ros"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProbabilityMap(Queries):
+class ProbabilityMap(Queries, Pictured):
     """Probabilities of a rectangle of 2D cells, which count from its own corner.
 
     Args:
@@ -161,6 +162,14 @@ class ProbabilityMap(Queries):
             thresholds: what is free and what is occupied; by default 0.196, 0.65.
         """
         return decided_by(thresholds, Thresholds()).state(self.probability, self.observed)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        box = self.bounds()
+        if box is None:
+            return None
+        y, x = np.nonzero(self.observed)
+        parts = [(np.stack([x, y], axis=1), self.probability[y, x])]
+        return of_probability(shrunk(parts, *box))
 
     def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.

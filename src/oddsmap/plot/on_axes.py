@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TypeAlias, TypedDict, Unpack
 
@@ -17,6 +18,8 @@ from oddsmap.plot.quantity import COLOURS, block_largest, limits_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+_LABEL = 38  # characters beside a colour bar in a line
 
 _Shown: TypeAlias = "Callable[[Grid, tuple[slice, slice], int], npt.NDArray[np.float64]]"
 
@@ -158,12 +161,13 @@ def _plot(
     if line is not None:
         frame.draw_trajectory(ax, line)
     if title := options.get("title"):
-        ax.set_title(title)
+        ax.set_title(title, loc="left")  # what blue is stands at the right
     if layout.outside:
         note = f"not shown: {layout.outside:,} of {layout.known:,} known cells, far away"
         ax.annotate(note, (0.01, 0.01), xycoords="axes fraction", size=7, color=frame.INK)
     if options.get("colour_bar", True):
-        bar = ax.figure.colorbar(image, ax=ax, label=label, fraction=0.046, pad=0.04)
+        words = textwrap.fill(label, _LABEL)
+        bar = ax.figure.colorbar(image, ax=ax, label=words, fraction=0.046, pad=0.04)
         bar.outline.set_linewidth(0.6)
         _say_missing(ax, missing)
     return ax

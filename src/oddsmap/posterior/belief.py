@@ -18,6 +18,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.map_files.fields import PlanePart, PointPart
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, decided_by, sigmoid
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_probability, shrunk
 from oddsmap.query.queries import PointStates, Queries
 from oddsmap.short_repr import described, grid_facts
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["Belief", "Region"]
 
 
-class Belief(Queries, ABC):
+class Belief(Queries, Pictured, ABC):
     """p(m_i | z_1:t) of each cell, in 2D or 3D.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -280,6 +281,14 @@ class Belief(Queries, ABC):
         from oddsmap.plot.picture import save_picture
 
         save_picture(self.to_probability_map(), Path(path), force=force, **options)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        box = self.bounds()
+        if box is None:
+            return None
+        # Of a column the largest is seen.
+        flat = ((index[:, :2], p) for index, p in self.parts(sigmoid))
+        return of_probability(shrunk(flat, box[0][:2], box[1][:2]))
 
     def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the map into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.

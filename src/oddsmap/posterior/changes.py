@@ -34,6 +34,7 @@ from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import sigmoid
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_quantity
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.short_repr import short_repr
 
@@ -48,7 +49,7 @@ __all__ = ["Changes", "changed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Changes:
+class Changes(Pictured):
     """Cells seen in both periods, and how probably each has changed.
 
     Args:
@@ -80,6 +81,13 @@ class Changes:
         probability[y, x], observed[y, x] = self.probability, True
         origin = (float(lo[0]) * self.resolution, float(lo[1]) * self.resolution)
         return ProbabilityMap(probability, observed, self.resolution, origin)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        if self.index.shape[1] != 2 or not len(self.index):
+            return None
+        grid = self.to_probability_map()
+        value = np.where(grid.observed, grid.probability, np.nan)
+        return of_quantity(value, "P(changed)", (0.0, 1.0))
 
     def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
         """Draw changes into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.

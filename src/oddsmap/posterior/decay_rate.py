@@ -34,6 +34,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.plot.thumbnail import MOST_CELLS, Pictured, Thumbnail, of_quantity
 from oddsmap.query.places import Placed
 from oddsmap.short_repr import described
 
@@ -51,7 +52,7 @@ Region = tuple[npt.ArrayLike, npt.ArrayLike]
 DecayQuantity = Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-pass"]
 
 
-class DecayRate(Placed):
+class DecayRate(Placed, Pictured):
     """p(decay rate | z_1:t) of each cell, a Gamma distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -231,6 +232,12 @@ class DecayRate(Placed):
             self._plane(show), Path(path), label=self._label(show), limits=self._limits(show),
             force=force, **options,
         )  # fmt: skip
+
+    def _thumbnail(self) -> Thumbnail | None:
+        box = self.evidence.bounds()
+        if self.ndim != 2 or box is None or np.prod(box[1] - box[0]) > MOST_CELLS:
+            return None
+        return of_quantity(np.where(self.observed(), self.mean(), np.nan), self._label("mean"))
 
     def plot(
         self,

@@ -22,6 +22,7 @@ from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import State, Thresholds
+from oddsmap.plot.thumbnail import MOST_CELLS, Pictured, Thumbnail, of_quantity
 from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
 from oddsmap.query.queries import PointStates, Queries
 from oddsmap.short_repr import described, grid_facts
@@ -53,7 +54,7 @@ def check_beta_prior(a: float, b: float) -> None:
             raise ConfigError(f"the Beta prior's {name} is a weight above 0, got {weight}")
 
 
-class BetaView(Queries, ABC):
+class BetaView(Queries, Pictured, ABC):
     """p(reflectivity | z_1:t) of each cell, a Beta distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -309,6 +310,13 @@ class BetaView(Queries, ABC):
             self._plane(show), Path(path), label=self._label(show), limits=self._limits(show),
             force=force, **options,
         )  # fmt: skip
+
+    def _thumbnail(self) -> Thumbnail | None:
+        box = self.bounds()
+        if self.ndim != 2 or box is None or np.prod(box[1] - box[0]) > MOST_CELLS:
+            return None
+        mean = np.where(self.observed(), self.mean(), np.nan)
+        return of_quantity(mean, "mean reflectivity", (0.0, 1.0))
 
     def plot(
         self,

@@ -28,6 +28,7 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.maps.voxel_map import VoxelMap
 from oddsmap.odds import Thresholds, decided_by, sigmoid
+from oddsmap.plot.thumbnail import Pictured, Thumbnail
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.projection.columns import Columns
@@ -53,7 +54,7 @@ _FREE, _OCCUPIED, _UNDECIDED = 0.02, 0.98, 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Traversability:
+class Traversability(Pictured):
     """What a robot meets in each column of a map, arrays of shape (ny, nx), y ascending.
 
     Attributes:
@@ -83,6 +84,9 @@ class Traversability:
         seen = self.verdict != Verdict.UNKNOWN
         p[~seen] = 0.5
         return ProbabilityMap(p, seen, self.resolution, self.origin)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        return self.to_probability_map()._thumbnail()
 
     def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
         """Draw the verdicts into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.

@@ -32,6 +32,7 @@ from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import check_room
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.odds import State, Thresholds
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_quantity
 from oddsmap.query.boxes import Box
 from oddsmap.query.distance_field import box_given
 from oddsmap.query.given_numbers import check_numbers, check_threads
@@ -58,7 +59,7 @@ _BYTES = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Costmap(Framed):
+class Costmap(Framed, Pictured):
     """Costs of a box of 2D cells, as Nav2's planners read them.
 
     Attributes:
@@ -130,6 +131,10 @@ class Costmap(Framed):
         inside = ((place >= 0) & (place < self.cost.shape[::-1])).all(axis=1)
         found[inside] = self.cost[tuple(place[inside].T[::-1])]
         return found
+
+    def _thumbnail(self) -> Thumbnail | None:
+        cost = np.where(self.cost == self.NO_INFORMATION, np.nan, self.cost.astype(np.float64))
+        return of_quantity(cost, "cost", (0.0, float(self.LETHAL))) if cost.size else None
 
     def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
         """Draw costs into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.

@@ -15,6 +15,7 @@ from oddsmap.cell_index import box_cells, cell_box, cell_indices, check_room
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.kernels.query.distances import FAR
 from oddsmap.limits import in_metres
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_quantity
 from oddsmap.query.boxes import Box
 from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.obstacles import Obstacles, View, Watch
@@ -39,7 +40,7 @@ _BYTES = 20
 _FIRST_HALO = 64
 
 
-class DistanceField(Framed):
+class DistanceField(Framed, Pictured):
     """Distances between the centres of cells and of their nearest obstacles.
 
     A cell that is an obstacle has distance 0; in a signed field it has the distance to the nearest
@@ -326,6 +327,11 @@ class DistanceField(Framed):
     def distance(self) -> FloatArray:
         """Distances [m], in the shape of `squared`; infinite where there is none."""
         return self._in_metres(self.squared)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        if self.ndim != 2 or not self._squared.size:
+            return None
+        return of_quantity(self.distance, "distance to the nearest obstacle [m]")
 
     def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
         """Draw distances into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
