@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,9 @@ from oddsmap.landmarks.observations import Observations
 from oddsmap.landmarks.store import read_json, save_csv, save_json
 from oddsmap.poses.pose import Pose2
 from oddsmap.short_repr import counted, described
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["LandmarkMap"]
 
@@ -164,6 +167,24 @@ class LandmarkMap:
                 error = mark.mean - np.asarray(truth[mark.id], dtype=np.float64)
                 values.append(error @ np.linalg.solve(mark.covariance, error))
         return np.array(values, dtype=np.float64)
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        trajectory: npt.ArrayLike | None = None,
+        title: str | None = None,
+    ) -> Axes:
+        """Draw landmarks and their 95 % ellipses: see `oddsmap.landmarks.picture.plot_landmarks`.
+
+        Args:
+            ax: axes of Matplotlib; None: the current ones of pyplot.
+            trajectory: positions of the sensor [m], shape (n, 2).
+            title: a line above the axes.
+        """
+        from oddsmap.landmarks.picture import plot_landmarks
+
+        return plot_landmarks(self.landmarks, ax, trajectory=trajectory, title=title)
 
     def save(self, path: str | Path, *, force: bool = False) -> Path:
         """Write the map: `.json` holds all and can be loaded, `.csv` is a table of the landmarks.
