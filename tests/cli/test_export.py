@@ -53,7 +53,7 @@ def test_ros(run: Run, saved: Path, tmp_path: Path, mode: str) -> None:
 def test_pictures(run: Run, saved: Path, office: Path, tmp_path: Path) -> None:
     poses = tmp_path / "way.txt"
     poses.write_text("0.0 1 2 0 0 0 0 1\n1.0 3 2.5 0 0 0 0 1\n")
-    shape = ("--title", "Büro", "--size", 400, "--crop", 0, 0, 12, 8, "--whole")
+    shape = ("--title", "Büro", "--size", 400, "--crop", 0, 0, 12, 8)
     for name, way in (("log.svg", office), ("poses.svg", poses)):
         assert run("export", saved, tmp_path / name, *shape, "--trajectory", way).status == 0
     for name, start in (("a.pdf", b"%PDF"), ("a.png", b"\x89PNG")):
@@ -71,6 +71,7 @@ def test_pictures(run: Run, saved: Path, office: Path, tmp_path: Path) -> None:
         ("m.png", ("--crop", 3, 0, 1, 1), "crop is x_min y_min x_max y_max"),
         ("m.png", ("--crop", 300, 300, 301, 301), "known in the crop 300 300 301 301"),
         ("m.npz", ("--posterior", "reflection", "--crop", 0, 0, 1, 1), "--crop shapes a picture"),
+        ("m.png", ("--crop", 0, 0, 9, 9, "--whole"), "leave one of them out"),
         ("m.png", ("--trajectory", "none.log"), "none.log"),
     ],
 )

@@ -22,8 +22,13 @@ def frame_options(options: Mapping[str, Any]) -> FrameOptions:
     """What is stated of a picture, as `oddsmap.plot.layout.FrameOptions` has it.
 
     Raises:
+        ConfigError: one of them would change nothing beside another.
         InputError: the trajectory is neither a log nor a file of poses.
     """
+    from oddsmap.errors import ConfigError
+
+    if "whole" in options and "crop" in options:
+        raise ConfigError("--crop says what is shown, --whole that all is: leave one of them out")
     stated: Any = {name: options[name] for name in OF_PICTURES if name in options}
     if "trajectory" in stated:
         stated["trajectory"] = _positions(stated["trajectory"])
