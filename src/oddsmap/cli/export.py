@@ -256,20 +256,23 @@ def export(
         typer.Option(metavar="VOTES", help="Reflection: its weight of passes, by default 1."),
     ] = None,
     title: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Pictures: a line above the map.")
+        str | None,
+        typer.Option(metavar="TEXT", help="Pictures: a line above the map, by default none."),
     ] = None,
     trajectory: Annotated[
         Path | None,
         typer.Option(
             metavar="LOG|POSES",
-            help="Pictures: draw the way of the sensor, of a log or of a file of poses.",
+            help="Pictures: draw the way of the sensor, of a log or a file of poses; by default "
+            "none.",
         ),
     ] = None,
     crop: Annotated[
         tuple[float, float, float, float] | None,
         typer.Option(
-            metavar="X_MIN Y_MIN X_MAX Y_MAX",
-            help="Pictures: what is shown [m], by default what is known.",
+            metavar="METRES METRES METRES METRES",
+            help="Pictures: lowest x and y, highest x and y that are shown; by default what is "
+            "known.",
         ),
     ] = None,
     size: Annotated[
