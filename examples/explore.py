@@ -192,9 +192,9 @@ def main() -> None:
             f"{number:3}  {length_of(step.driven):6.1f} m driven, {step.scans:3} scans, "
             f"{len(step.frontiers):2} frontiers, {share_known(step.view):6.1%} of the floor known"
         )
-    from oddsmap.plot.picture import save_png
+    from oddsmap.plot.picture import save_picture
 
-    save_png(step.view.to_probability_map(), given.output, trajectory=step.driven, force=True)
+    save_picture(step.view.to_probability_map(), given.output, trajectory=step.driven, force=True)
     print(f"picture: {given.output}")
 
 

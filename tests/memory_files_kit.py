@@ -66,6 +66,7 @@ def pictures(folder: Path) -> Repeat:
     def repeat() -> None:
         for each in (view(), plane().reflection()):
             each.save_png(folder / "plane.png", force=True)
+            each._repr_html_()
 
     return repeat
 

@@ -16,6 +16,7 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.add_more import add_more
 from oddsmap.integrate.forgetting import last_number, last_stamp, numbered
+from oddsmap.plot.thumbnail import Pictured, Thumbnail
 from oddsmap.scans.given_scans import scans_alone, scans_given
 from oddsmap.scans.log import Log, parts_of
 from oddsmap.scans.measurement import Measurement
@@ -23,9 +24,13 @@ from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor, agreeing, sensor_of_log
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     import numpy.typing as npt
+    from matplotlib.axes import Axes
 
     from oddsmap.odds import Thresholds
+    from oddsmap.plot.on_axes import PlotOptions
     from oddsmap.posterior.calibrated import Calibrated
     from oddsmap.posterior.count_model import CountModel
     from oddsmap.posterior.decay_rate import DecayRate
@@ -37,7 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["EvidenceMap", "build_map", "load_map"]
 
 
-class EvidenceMap(Evidence):
+class EvidenceMap(Evidence, Pictured):
     """Hits and passes of a field of cells, and what can be made of them.
 
     A map is `oddsmap.evidence.evidence.Evidence`, with views and files; its arguments are those of
@@ -186,6 +191,19 @@ class EvidenceMap(Evidence):
         from oddsmap.posterior.decay_rate import DecayRate
 
         return DecayRate(self, shape=shape, rate=rate, level=level)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        return self.log_odds()._thumbnail()
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the view of its log odds into axes of Matplotlib, as `LogOdds.plot` does.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        return self.log_odds().plot(ax, **options)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the map as a Zarr folder: see `oddsmap.evidence.store.save_map`."""

@@ -50,6 +50,47 @@ def test_ros(run: Run, saved: Path, tmp_path: Path, mode: str) -> None:
     assert back.origin == view.to_probability_map().origin
 
 
+def test_pictures(run: Run, saved: Path, office: Path, tmp_path: Path) -> None:
+    poses = tmp_path / "way.txt"
+    poses.write_text("0.0 1 2 0 0 0 0 1\n1.0 3 2.5 0 0 0 0 1\n")
+    shape = ("--title", "Büro", "--size", 400, "--crop", 0, 0, 12, 8)
+    for name, way in (("log.svg", office), ("poses.svg", poses)):
+        assert run("export", saved, tmp_path / name, *shape, "--trajectory", way).status == 0
+    for name, start in (("a.pdf", b"%PDF"), ("a.png", b"\x89PNG")):
+        assert run("export", saved, tmp_path / name).status == 0
+        assert (tmp_path / name).read_bytes().startswith(start)
+    drawn = [(tmp_path / f"{name}.svg").read_text().count("#e4572e") for name in ("log", "poses")]
+    assert min(drawn) > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "message"),
+    [
+        ("m.yaml", ("--title", "x"), "--title, --trajectory, --crop, --size and --whole shape a"),
+        ("m.png", ("--size", 5), "size is 100 to 3800 pixels, got 5"),
+        ("m.png", ("--crop", 3, 0, 1, 1), "crop is x_min y_min x_max y_max"),
+        ("m.png", ("--crop", 300, 300, 301, 301), "known in the crop 300 300 301 301"),
+        ("m.npz", ("--posterior", "reflection", "--crop", 0, 0, 1, 1), "--crop shapes a picture"),
+        ("m.png", ("--crop", 0, 0, 9, 9, "--whole"), "leave one of them out"),
+        ("m.png", ("--trajectory", "none.log"), "none.log"),
+    ],
+)
+def test_wrong_pictures(
+    run: Run, saved: Path, tmp_path: Path, name: str, words: tuple[object, ...], message: str
+) -> None:
+    done = run("export", saved, tmp_path / name, *words)
+    assert done.status == 1
+    assert message in done.line
+    assert not (tmp_path / name).exists()
+
+
+def test_a_trajectory_is_a_log_or_poses(run: Run, saved: Path, tmp_path: Path) -> None:
+    other = tmp_path / "notes.txt"
+    other.write_text("what is this\n")
+    done = run("export", saved, tmp_path / "m.png", "--trajectory", other)
+    assert "--trajectory: neither a log nor a file of poses" in done.line
+
+
 def test_png(run: Run, saved: Path, tmp_path: Path) -> None:
     out = tmp_path / "office.png"
     assert run("export", saved, out).status == 0

@@ -187,7 +187,7 @@ def test_maps_of_others(run: Run, data_folder: Path, tmp_path: Path) -> None:
         ("hall", ["m.mcap", "--stamp", "-1"], "a time in seconds since 1970, got -1"),
         ("hall", ["m.mcap", "--stamp", "nan"], "a time in seconds since 1970, got nan"),
         ("hall", ["m.mcap", "--format", "ros2-bag"], "leave one of them out"),
-        ("hall", ["m.mcap", "--posterior", "reflection"], "is written as .png, .npz or .yaml"),
+        ("hall", ["m.mcap", "--posterior", "reflection"], "is written as .png, .pdf, .svg"),
         ("hall", ["m", "--format", "ros2-bag", "--posterior", "decay"], "--format belongs to"),
         ("hall", ["m.tif", "--crs", "EPSG:4326"], "not of a plane in metres"),
         ("hall", ["m.las"], "needs a 3D map"),

@@ -87,13 +87,13 @@ def test_votes_of_scans_are_warned_of(run: Run, maps: Path, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("hall.zarr", "m.npz", *REFLECTION, "--show", "std"), "--show says what a .png shows"),
+        (("hall.zarr", "m.npz", *REFLECTION, "--show", "std"), "--show says what a picture shows"),
         (("hall.zarr", "m.png", *REFLECTION, "--level", 0.9), "--level changes .npz and --show"),
         (("hall.zarr", "m.yaml", *REFLECTION, "--threshold", 0.9), "--threshold changes --show"),
         (("hall.zarr", "m.npz", *REFLECTION, "--level", 1.5), "level lies between 0 and 1"),
         (("hall.zarr", "m.npz", *REFLECTION, "--beta-b", 0), "prior's b is a weight above 0"),
         (("hall.zarr", "m.yaml", *REFLECTION, "--mode", "trinary"), "not a state"),
-        (("hall.zarr", "m.ply", *REFLECTION), "written as .png, .npz or .yaml"),
+        (("hall.zarr", "m.ply", *REFLECTION), "written as .png, .pdf, .svg, .npz or .yaml"),
         (("space.zarr", "m.png", *REFLECTION), "its reflectivity as .npz"),
         (("before.bt", "m.npz", *REFLECTION), "needs hits and passes"),
     ],
@@ -138,5 +138,5 @@ def test_decay_rates(run: Run, tmp_path: Path) -> None:
         ((*REFLECTION, "--show", "p-pass"), "belongs to --posterior decay"),
     ):
         assert message in run(*words, tmp_path / "b.png", *options).line
-    assert "as .png or .npz" in run(*words, tmp_path / "b.yaml", *decay).line
+    assert "as .png, .pdf, .svg or .npz" in run(*words, tmp_path / "b.yaml", *decay).line
     assert not list(tmp_path.glob("b.*"))

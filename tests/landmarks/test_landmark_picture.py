@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from oddsmap import LandmarkMap
 from oddsmap.errors import ConfigError, InputError, OutputError
 from oddsmap.landmarks import Landmark
-from oddsmap.landmarks.picture import ellipse_axes, save_landmarks_png
+from oddsmap.landmarks.picture import ellipse_axes, plot_landmarks, save_landmarks_png
 
 MARK = (45, 106, 159)
 PATH = (228, 87, 46)
@@ -79,3 +80,21 @@ def test_refused(tmp_path: Path) -> None:
     save_landmarks_png(marks, tmp_path / "m.png")
     with pytest.raises(OutputError, match="exists already"):
         save_landmarks_png(marks, tmp_path / "m.png")
+
+
+def test_plot_and_vector_files(tmp_path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    marks, line = [mark(0.0, 0.0, 0.1, 0.2), mark(4.0, 3.0, 0.1, 0.1)], [[0.0, 1.0], [3.0, 1.0]]
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    ax = figure.add_subplot()
+    assert plot_landmarks(marks, ax, trajectory=line, title="Trees") is ax
+    figure.canvas.draw()
+    assert len(ax.patches) == 2
+    assert ax.get_title(loc="left") == "Trees"
+    with pytest.raises(InputError, match="no landmark to draw"):
+        LandmarkMap().plot(ax)
+    svg = save_landmarks_png(marks, tmp_path / "m.svg", title="Trees").read_bytes()
+    assert svg == save_landmarks_png(marks, tmp_path / "n.svg", title="Trees").read_bytes()

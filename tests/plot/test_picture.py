@@ -12,8 +12,9 @@ from PIL import Image
 
 from oddsmap.errors import ConfigError, InputError, OutputError
 from oddsmap.maps.probability_map import ProbabilityMap
-from oddsmap.plot import picture as picture_module
-from oddsmap.plot.picture import cell_colours, round_length, save_png
+from oddsmap.plot import frame
+from oddsmap.plot.frame import round_length
+from oddsmap.plot.picture import cell_colours, save_picture
 
 UNKNOWN = (199, 213, 227)
 OCCUPIED = (17, 20, 26)
@@ -54,7 +55,7 @@ def map_part(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 class TestCells:
     def test_every_cell_is_a_square_and_none_is_flipped(self, tmp_path: Path) -> None:
         grid = world(30, 40, [(0, 0), (0, 1), (29, 3), (17, 39)])
-        part = map_part(pixels(save_png(grid, tmp_path / "m.png")))
+        part = map_part(pixels(save_picture(grid, tmp_path / "m.png")))
         scale = part.shape[0] // 30
         assert part.shape == (30 * scale, 40 * scale, 3)
         # The middle of each cell; the top row of the picture is the highest y.
@@ -67,7 +68,7 @@ class TestCells:
         probability[1111, :] = 1.0
         probability[:, 2222] = 1.0
         grid = ProbabilityMap(probability, np.ones(probability.shape, np.bool_), 0.05)
-        picture = pixels(save_png(grid, tmp_path / "m.png"))
+        picture = pixels(save_picture(grid, tmp_path / "m.png"))
         assert max(picture.shape) <= 4200
         part = where(map_part(picture), OCCUPIED)
         assert part.all(axis=1).sum() == 3
@@ -82,7 +83,7 @@ class TestCells:
         probability[:, cells // 3] = 1.0
         probability[cells // 10 :, cells // 2] = 1.0  # a door: open below
         grid = ProbabilityMap(probability, np.ones(probability.shape, np.bool_), 0.05)
-        with Image.open(save_png(grid, tmp_path / "m.png")) as image:
+        with Image.open(save_picture(grid, tmp_path / "m.png")) as image:
             shade = map_part(np.asarray(image.convert("RGB"))).mean(axis=2)
         small = np.asarray(
             Image.fromarray(shade).resize((1000, shade.shape[0] * 1000 // shade.shape[1]),
@@ -139,14 +140,14 @@ class TestCells:
         probability, observed = np.zeros((300, 400)), np.zeros((300, 400), np.bool_)
         probability[100:130, 50:90], observed[100:130, 50:90] = small.probability, True
         large = ProbabilityMap(probability, observed, 0.1, (-2.0 - 5.0, 7.0 - 10.0))
-        save_png(small, tmp_path / "small.png")
-        save_png(large, tmp_path / "large.png")
+        save_picture(small, tmp_path / "small.png")
+        save_picture(large, tmp_path / "large.png")
         assert np.array_equal(pixels(tmp_path / "small.png"), pixels(tmp_path / "large.png"))
 
     def test_yaw_turns_the_map(self, tmp_path: Path) -> None:
         grid = world(40, 40, [(0, 0)])
         turned = ProbabilityMap(grid.probability, grid.observed, 0.1, (0.0, 0.0), yaw=np.pi / 2)
-        part = map_part(pixels(save_png(turned, tmp_path / "m.png")))
+        part = map_part(pixels(save_picture(turned, tmp_path / "m.png")))
         black = np.argwhere(where(part, OCCUPIED)).mean(axis=0) / part.shape[:2]
         # Turned counter-clockwise about the corner (0, 0), the cell there is at the lower right.
         assert black == pytest.approx([1.0, 1.0], abs=0.03)
@@ -156,7 +157,7 @@ class TestDrawing:
     def test_trajectory_is_where_it_belongs(self, tmp_path: Path) -> None:
         grid = world(30, 40, [])
         line = np.array([[-2.0 + 1.0, 7.0 + 0.5], [-2.0 + 1.0, 7.0 + 2.5]])  # at a quarter of x
-        part = map_part(pixels(save_png(grid, tmp_path / "m.png", trajectory=line)))
+        part = map_part(pixels(save_picture(grid, tmp_path / "m.png", trajectory=line)))
         warm = part[..., 0].astype(int) - part[..., 2] > 60  # smoothing pales the line
         drawn = np.argwhere(warm) / part.shape[:2]
         assert drawn[:, 1].mean() == pytest.approx(0.25, abs=0.005)
@@ -166,12 +167,12 @@ class TestDrawing:
 
     def test_title_trajectory_with_gap_and_empty_trajectory(self, tmp_path: Path) -> None:
         grid = world(5, 5, [(0, 0)])
-        plain = pixels(save_png(grid, tmp_path / "a.png"))
-        titled = pixels(save_png(grid, tmp_path / "b.png", title="Hall"))
+        plain = pixels(save_picture(grid, tmp_path / "a.png"))
+        titled = pixels(save_picture(grid, tmp_path / "b.png", title="Hall"))
         assert titled.shape[0] > plain.shape[0]
         gap = np.array([[-1.9, 7.1], [np.nan, np.nan], [-1.6, 7.4]])
-        assert where(pixels(save_png(grid, tmp_path / "c.png", trajectory=gap)), LINE).any()
-        empty = pixels(save_png(grid, tmp_path / "d.png", trajectory=np.zeros((0, 2))))
+        assert where(pixels(save_picture(grid, tmp_path / "c.png", trajectory=gap)), LINE).any()
+        empty = pixels(save_picture(grid, tmp_path / "d.png", trajectory=np.zeros((0, 2))))
         assert np.array_equal(empty, plain)
 
     @pytest.mark.parametrize("origin", [(0.0, 0.0), (499_999.95, 4_512_345.05)])
@@ -180,13 +181,13 @@ class TestDrawing:
     ) -> None:
         base = world(20, 50, [(2, 3), (19, 49)])
         grid = ProbabilityMap(base.probability, base.observed, 0.05, origin)
-        part = map_part(pixels(save_png(grid, tmp_path / "m.png")))
+        part = map_part(pixels(save_picture(grid, tmp_path / "m.png")))
         scale = part.shape[0] // 20
         middle = part[scale // 2 :: scale, scale // 2 :: scale][::-1]
         assert np.array_equal(where(middle, OCCUPIED), grid.probability == 1.0)
 
     def test_one_cell(self, tmp_path: Path) -> None:
-        picture = pixels(save_png(world(1, 1, [(0, 0)]), tmp_path / "m.png"))
+        picture = pixels(save_picture(world(1, 1, [(0, 0)]), tmp_path / "m.png"))
         black, unknown = (where(picture, colour).sum() for colour in (OCCUPIED, UNKNOWN))
         assert black / unknown == pytest.approx(1 / 8, rel=0.02)  # a margin of one cell
 
@@ -200,11 +201,11 @@ class TestDrawing:
     def test_no_global_state(self, tmp_path: Path) -> None:
         code = (
             "import sys, numpy as np\n"
-            "from oddsmap.plot.picture import save_png\n"
+            "from oddsmap.plot.picture import save_picture\n"
             "from oddsmap.maps.probability_map import ProbabilityMap\n"
             "assert 'matplotlib' not in sys.modules\n"
             "grid = ProbabilityMap(np.zeros((2, 2)), np.ones((2, 2), '?'), 1.0)\n"
-            "save_png(grid, sys.argv[1])\n"
+            "save_picture(grid, sys.argv[1])\n"
             "assert 'matplotlib.pyplot' not in sys.modules\n"
         )
         subprocess.run([sys.executable, "-c", code, str(tmp_path / "m.png")], check=True)
@@ -213,9 +214,9 @@ class TestDrawing:
         import matplotlib as mpl
 
         grid = world(5, 5, [])
-        plain = pixels(save_png(grid, tmp_path / "a.png"))
+        plain = pixels(save_picture(grid, tmp_path / "a.png"))
         with mpl.rc_context({"savefig.bbox": "tight", "savefig.dpi": 20}):
-            assert np.array_equal(pixels(save_png(grid, tmp_path / "b.png")), plain)
+            assert np.array_equal(pixels(save_picture(grid, tmp_path / "b.png")), plain)
 
 
 class TestRefusals:
@@ -223,21 +224,21 @@ class TestRefusals:
         for shape in ((0, 0), (3, 3)):
             grid = ProbabilityMap(np.zeros(shape), np.zeros(shape, np.bool_), 0.1)
             with pytest.raises(InputError, match="nothing to draw"):
-                save_png(grid, tmp_path / "m.png")
+                save_picture(grid, tmp_path / "m.png")
 
     def test_trajectory_of_another_shape(self, tmp_path: Path) -> None:
         with pytest.raises(InputError, match=r"trajectory must have shape \(n, 2\), got \(4, 3\)"):
-            save_png(world(2, 2, []), tmp_path / "m.png", trajectory=np.zeros((4, 3)))
+            save_picture(world(2, 2, []), tmp_path / "m.png", trajectory=np.zeros((4, 3)))
 
     def test_wrong_suffix(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match=r"ends in \.png"):
-            save_png(world(2, 2, []), tmp_path / "m.jpg")
+            save_picture(world(2, 2, []), tmp_path / "m.jpg")
 
     def test_existing_file_needs_force(self, tmp_path: Path) -> None:
         (tmp_path / "m.png").write_text("mine")
         with pytest.raises(OutputError, match="exists already"):
-            save_png(world(2, 2, []), tmp_path / "m.png")
-        save_png(world(2, 2, []), tmp_path / "m.png", force=True)
+            save_picture(world(2, 2, []), tmp_path / "m.png")
+        save_picture(world(2, 2, []), tmp_path / "m.png", force=True)
         assert pixels(tmp_path / "m.png").size
         assert [file.name for file in tmp_path.iterdir()] == ["m.png"]
 
@@ -249,7 +250,7 @@ def test_bands_have_no_seams(block: int, bold: bool, monkeypatch: pytest.MonkeyP
     probability, observed = rng.random((50, 40)), rng.random((50, 40)) < 0.7
     whole = cell_colours(probability, observed, block, bold=bold)
     for size in (1, 500):
-        monkeypatch.setattr(picture_module, "_BAND", size)
+        monkeypatch.setattr(frame, "BAND", size)
         assert np.array_equal(cell_colours(probability, observed, block, bold=bold), whole)
 
 
@@ -260,9 +261,9 @@ def test_pictures_drawn_in_bands_are_the_same(
     rng = np.random.default_rng(shape[0])
     probability, observed = rng.random(shape), rng.random(shape) < 0.7
     grid = ProbabilityMap(probability, observed, 0.05, (-123.4, 5_000_000.3))
-    for name, size in (("whole", 1 << 40), ("bands", 1 << 14), ("default", picture_module._BAND)):
-        monkeypatch.setattr(picture_module, "_BAND", size)
-        save_png(grid, tmp_path / f"{name}.png")
+    for name, size in (("whole", 1 << 40), ("bands", 1 << 14), ("default", frame.BAND)):
+        monkeypatch.setattr(frame, "BAND", size)
+        save_picture(grid, tmp_path / f"{name}.png")
     whole = (tmp_path / "whole.png").read_bytes()
     assert (tmp_path / "bands.png").read_bytes() == whole
     assert (tmp_path / "default.png").read_bytes() == whole

@@ -11,7 +11,7 @@ from PIL import Image
 
 from oddsmap.errors import ConfigError, InputError, OutputError
 from oddsmap.maps.probability_map import ProbabilityMap
-from oddsmap.plot import picture
+from oddsmap.plot import frame
 from oddsmap.plot.quantity import block_largest, save_quantity
 
 UNKNOWN = (199, 213, 227)
@@ -99,6 +99,6 @@ def test_pictures_drawn_in_bands_are_the_same(
     value[: shape[0] // 2] = np.where(value[: shape[0] // 2] < 0.1, np.nan, 0.5)
     grid = ProbabilityMap(value, observed, 0.05, (-123.4, 5_000_000.3))
     for name, size in (("whole", 1 << 40), ("bands", 1 << 14)):
-        monkeypatch.setattr(picture, "_BAND", size)
+        monkeypatch.setattr(frame, "BAND", size)
         save_quantity(grid, tmp_path / f"{name}.png", label="a share")
     assert (tmp_path / "bands.png").read_bytes() == (tmp_path / "whole.png").read_bytes()

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from oddsmap.errors import ConfigError, InputError, OutputError
-from oddsmap.scoring.picture import save_reliability_png
+from oddsmap.scoring.picture import _short, _wilson, save_reliability_png
 from oddsmap.scoring.reliability import Reliability
 
 
@@ -56,4 +56,24 @@ def test_wrong_outputs(tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="exists already"):
         save_reliability_png(curve(0.0), path)
     with pytest.raises(ConfigError, match=r"ends in \.png"):
-        save_reliability_png(curve(0.0), tmp_path / "a.svg")
+        save_reliability_png(curve(0.0), tmp_path / "a.jpg")
+
+
+def test_intervals_are_wilsons() -> None:
+    """Against SciPy's, also where all or none of the events happened."""
+    from scipy.stats import binomtest
+
+    count = np.array([1, 4, 40, 40, 1000])
+    happened = np.array([0, 4, 0, 13, 999])
+    low, high = _wilson(happened / count, count)
+    for k, n, a, b in zip(happened, count, low, high, strict=True):
+        interval = binomtest(int(k), int(n)).proportion_ci(0.95, method="wilson")
+        assert (a, b) == pytest.approx((interval.low, interval.high), abs=2e-4)
+
+
+def test_vector_files_and_counts(tmp_path: Path) -> None:
+    path = save_reliability_png(curve(0.1), tmp_path / "a.svg")
+    assert "5,000 predictions" in path.read_text()
+    assert [_short(n) for n in (7, 999, 1000, 12_345, 123_456, 3_400_000)] == [
+        "7", "999", "1k", "12k", "123k", "3.4M",
+    ]  # fmt: skip

@@ -27,6 +27,7 @@ from oddsmap.scans.scan import Scan
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.filters import within_window
 from oddsmap.sensors.usable_beams import judge_readings
+from oddsmap.short_repr import described, short_repr
 
 __all__ = ["Cleaner", "LabelledScan"]
 
@@ -51,6 +52,8 @@ class LabelledScan:
     beam: IntArray
     dynamic: BoolArray
 
+    __repr__ = short_repr
+
 
 class Cleaner:
     """Finds what moved: returns in cells that were seen through, before or after.
@@ -72,6 +75,17 @@ class Cleaner:
         InputError: the map is not of narrow beams, or empty.
         ConfigError: a value is outside its range.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from self.grid.place_facts()
+        yield f"level {self.level:g}"
+        if self.grid.ndim == 3:
+            yield f"ground margin {self.ground_margin:g} m"
+        if lost := self.skipped.total():
+            yield f"{lost:,} skipped"
 
     def __init__(
         self, grid: EvidenceMap, *, level: float = 0.5, ground_margin: float | None = None

@@ -17,8 +17,8 @@ from oddsmap.cli.setting_layers import Layer, SettingLayers, read_layers
 __all__ = ["EXPORTED", "BuildPlan", "MapSettings"]
 
 EXPORTED = (
-    ".yaml", ".yml", ".mcap", ".bag", ".png", ".npz", ".tif", ".tiff", ".bt", ".ot", ".ply", ".las",
-    ".laz",
+    ".yaml", ".yml", ".mcap", ".bag", ".png", ".pdf", ".svg", ".npz", ".tif", ".tiff", ".bt", ".ot",
+    ".ply", ".las", ".laz",
 )  # fmt: skip
 """The suffixes of what `oddsmap export` makes of a map."""
 

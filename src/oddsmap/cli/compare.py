@@ -12,6 +12,7 @@ import typer
 from oddsmap.cli.made_of_maps import SavedMap, read_map
 from oddsmap.cli.merge_doubts import frames_differ, votes_differ
 from oddsmap.cli.options import Quiet, Verbose, force_option, json_option
+from oddsmap.cli.picture_options import PICTURES
 from oddsmap.cli.progress import working
 from oddsmap.cli.views import check_view, view_of
 from oddsmap.cli.voice import Voice
@@ -64,7 +65,7 @@ def compare(
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     check_view(posterior)
     if plot is not None:
-        check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
+        check_suffix(plot, PICTURES, "a picture must have a name that ends in .png, .pdf or .svg")
     check_files([first, second], plot, force=force)
     views = (
         view_of(read_map(first, voice), posterior), view_of(read_map(second, voice), posterior)

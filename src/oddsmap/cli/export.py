@@ -14,6 +14,7 @@ from oddsmap.cli.export_formats import HEIGHTS
 from oddsmap.cli.export_log_odds import write_calibrated, write_full_map, write_log_odds
 from oddsmap.cli.export_rates import write_decay, write_reflection
 from oddsmap.cli.options import Quiet, Verbose, flag, force_option
+from oddsmap.cli.picture_options import OF_PICTURES
 from oddsmap.cli.progress import working
 from oddsmap.cli.voice import Voice
 from oddsmap.cli.written import Written
@@ -25,7 +26,7 @@ HELP = """Write a map as what other software reads: OUT's suffix decides.
 \b
   .yaml             ROS map_server: YAML and an image
   .mcap             messages of ROS 2, for RViz and Foxglove; .bag: of ROS 1
-  .png              a picture
+  .png .pdf .svg    a picture
   .npz              arrays
   .tif              GeoTIFF, for QGIS and other GIS
   .bt .ot           OctoMap (3D)
@@ -41,6 +42,9 @@ HELP = """Write a map as what other software reads: OUT's suffix decides.
   oddsmap export yard.zarr yard.tif --crs EPSG:32632
                                           GeoTIFF: probability, hits, passes
   oddsmap export intel.zarr intel.png     a picture with axes in metres
+  oddsmap export intel.zarr intel.pdf --title "Intel lab" \\
+    --trajectory intel.log.gz --crop -10 -10 20 6
+                                          a part of it for a paper
   oddsmap export intel.zarr intel.npz --prior 0.2
                                           cells, counts and probabilities
   oddsmap export intel.zarr intel.png --prior old.yaml
@@ -89,7 +93,7 @@ def export(
         Path,
         typer.Argument(
             metavar="OUT",
-            help=".yaml, .mcap, .bag, .png, .npz, .tif, .bt, .ot, .ply, .las or .laz",
+            help=".yaml, .mcap, .bag, .png, .pdf, .svg, .npz, .tif, .bt, .ot, .ply, .las or .laz",
         ),
     ],
     format_: Annotated[
@@ -259,6 +263,40 @@ def export(
         float | None,
         typer.Option(metavar="VOTES", help="Reflection: its weight of passes, by default 1."),
     ] = None,
+    title: Annotated[
+        str | None,
+        typer.Option(metavar="TEXT", help="Pictures: a line above the map, by default none."),
+    ] = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="LOG|POSES",
+            help="Pictures: draw the way of the sensor, of a log or a file of poses; by default "
+            "none.",
+        ),
+    ] = None,
+    crop: Annotated[
+        tuple[float, float, float, float] | None,
+        typer.Option(
+            metavar="METRES METRES METRES METRES",
+            help="Pictures: lowest x and y, highest x and y that are shown; by default what is "
+            "known.",
+        ),
+    ] = None,
+    size: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PIXELS",
+            help="Pictures: the longer side of the map, at most, by default 1200 to 3800.",
+        ),
+    ] = None,
+    whole: Annotated[
+        bool,
+        typer.Option(
+            "--whole",
+            help="Pictures: also show the few cells that lie far from all others.",
+        ),
+    ] = False,
     force: Annotated[bool, force_option("existing files")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -275,6 +313,8 @@ def export(
             "z_max": z_max, "ground": ground, "rule": rule, "slab": slab, "clamp": clamp,
             "show": show, "level": level,
             "interval": interval, "threshold": threshold, "beta_a": beta_a, "beta_b": beta_b,
+            "title": title, "trajectory": trajectory, "crop": crop, "size": size,
+            "whole": whole or None,
         }.items()
         if value is not None
     }  # fmt: skip
@@ -294,7 +334,7 @@ class _View(NamedTuple):
     options: frozenset[str]
 
 
-_OF_FILES = ("format", "mode", "clamp", "shift", "crs", "frame", "stamp")
+_OF_FILES = ("format", "mode", "clamp", "shift", "crs", "frame", "stamp", *OF_PICTURES)
 
 _OF_CELLS = ("prior", "p_hit", "p_miss", "free", "occupied")
 
@@ -313,9 +353,11 @@ _VIEWS = {
     ),
     "reflection": _View(
         write_reflection,
-        frozenset({"mode", "show", "level", "interval", "threshold", "beta_a", "beta_b"}),
+        frozenset(
+            {"mode", "show", "level", "interval", "threshold", "beta_a", "beta_b", *OF_PICTURES}
+        ),
     ),
-    "decay": _View(write_decay, frozenset({"show", "level"})),
+    "decay": _View(write_decay, frozenset({"show", "level", *OF_PICTURES})),
 }
 
 
@@ -353,9 +395,9 @@ def _check_suffix(output: Path, stated: Mapping[str, Any]) -> None:
     check_suffix(
         output,
         EXPORTED,
-        "the suffix says what to write: .yaml (ROS map), .mcap or .bag (messages of ROS), .png "
-        "(picture), .npz (arrays), .tif (GeoTIFF), .bt or .ot (OctoMap), .ply, .las or .laz "
-        "(points); --format ros2-bag makes a folder",
+        "the suffix says what to write: .yaml (ROS map), .mcap or .bag (messages of ROS), .png, "
+        ".pdf or .svg (picture), .npz (arrays), .tif (GeoTIFF), .bt or .ot (OctoMap), .ply, .las "
+        "or .laz (points); --format ros2-bag makes a folder",
     )
     mode = {name: value for name, value in stated.items() if name == "mode"}
     check_format_options(output, kind_of(output, stated), mode)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from oddsmap.cli.options import flag
+from oddsmap.cli.picture_options import OF_PICTURES
 
 __all__ = ["BAGS", "HEIGHTS", "check_format_options", "kind_of"]
 
@@ -17,7 +18,7 @@ BAGS = (".mcap", ".bag", "ros2-bag")
 HEIGHTS = ("z_min", "z_max", "ground", "rule", "slab")
 """The options that make a plane of space."""
 
-_SAME = {".yml": ".yaml", ".tiff": ".tif"}
+_SAME = {".pdf": ".png", ".svg": ".png", ".yml": ".yaml", ".tiff": ".tif"}
 _OF_PLANE = (".yaml", ".png", ".tif", *BAGS)
 
 # Where an option changes something, and what is said elsewhere.
@@ -39,12 +40,16 @@ _WHERE: dict[str, tuple[tuple[str, ...], str]] = {
     "frame": (BAGS, "--frame names the frame of a map in .mcap, .bag and --format ros2-bag"),
     "stamp": (BAGS, "--stamp is the time of a map in .mcap, .bag and --format ros2-bag"),
     "shift": ((".bt", ".ot", *BAGS), "--shift moves an OctoMap"),
+    **dict.fromkeys(
+        OF_PICTURES,
+        ((".png",), "--title, --trajectory, --crop, --size and --whole shape a picture"),
+    ),
     "crs": ((".tif", ".las", ".laz"), "--crs says where a .tif, .las or .laz is on the Earth"),
 }
 
 
 def kind_of(output: Path, options: Mapping[str, Any]) -> str:
-    """What is written: a suffix, or the --format where no suffix says it."""
+    """What is written: a suffix, .png for all pictures, or the --format where no suffix says it."""
     stated: str | None = options.get("format")
     suffix = output.suffix.lower()
     return stated or _SAME.get(suffix, suffix)

@@ -69,7 +69,8 @@ def _write(
     if kind != ".ot":  # which bounds what it writes itself, also of maps without counts
         rates["clamp"] = options.get("clamp")
     _check_values(options, number)
-    check_files([source, prior_file], output, force=force, is_bag=kind == "ros2-bag")
+    read = [source, prior_file, options.get("trajectory")]
+    check_files(read, output, force=force, is_bag=kind == "ros2-bag")
     prior = number if prior_file is None else prior_map(prior_file, voice)
     around = options.get("neighbours", False)
     view = open_source(source, prior, rates, voice, calibrated=calibrated, neighbours=around)

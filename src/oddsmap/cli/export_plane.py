@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.export_formats import HEIGHTS
+from oddsmap.cli.picture_options import frame_options
 from oddsmap.cli.written import Written
 
 if TYPE_CHECKING:
@@ -23,11 +24,11 @@ Options = Mapping[str, Any]
 
 
 def write_picture(view: Source, output: Path, options: Options, force: bool) -> Written:
-    """Write a picture: `.png`."""
-    from oddsmap.plot.picture import save_png
+    """Write a picture: `.png`, `.pdf` or `.svg`."""
+    from oddsmap.plot.picture import save_picture
 
     grid = grid_of(view, options)[0]
-    save_png(grid, output, force=force)
+    save_picture(grid, output, force=force, **frame_options(options))
     return Written([output], grid.notes)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from oddsmap.cli.options import Quiet, Verbose, flag, force_option, json_option
+from oddsmap.cli.picture_options import PICTURES
 from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def landmarks(
             "-o",
             "--output",
             metavar="OUT",
-            help="What to write: .csv (table), .json (all) or .png (picture).",
+            help="What to write: .csv (table), .json (all), .png, .pdf or .svg (picture).",
         ),
     ],
     sigma_range: Annotated[
@@ -88,8 +89,8 @@ def landmarks(
     found = LandmarkMap(gate=gate, min_count=min_count)
     check_suffix(
         output,
-        (".csv", ".json", ".png"),
-        "the suffix says what to write: .csv (table), .json (all) or .png (picture)",
+        (".csv", ".json", *PICTURES),
+        "the suffix says what to write: .csv (table), .json (all), .png, .pdf or .svg (picture)",
     )
     check_files([observations], output, force=force)
     table = read_observations(observations)
@@ -102,7 +103,7 @@ def landmarks(
     facts = _facts(found, table, noise, output)
     if not facts["landmarks"]:
         raise InputError(f"{observations}: {_why_none(found, table)}")
-    if output.suffix.lower() == ".png":
+    if output.suffix.lower() in PICTURES:
         from oddsmap.landmarks.picture import save_landmarks_png
 
         save_landmarks_png(found.landmarks, output, trajectory=table.poses[:, :2], force=force)

@@ -17,6 +17,7 @@ from oddsmap.errors import ConfigError, did_you_mean, shown
 from oddsmap.odds import Thresholds
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.registry import KINDS, Sensor
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Config", "MapConfig", "PosteriorConfig", "parse_setting", "read_toml", "resolve"]
 
@@ -52,6 +53,8 @@ class MapConfig:
     half_life_scans: float | None = None
     ref_scan: int | None = None
     path_lengths: bool = False
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not 0.0 < self.resolution < math.inf:
@@ -126,6 +129,8 @@ class Config:
     sensor: Sensor = field(default_factory=BeamSensor)
     posterior: PosteriorConfig = field(default_factory=PosteriorConfig)
     full_map: FullMapConfig = field(default_factory=FullMapConfig)
+
+    __repr__ = short_repr
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Nested plain values, as TOML and JSON take them; None where a field is not set."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from oddsmap.errors import ConfigError
+from oddsmap.short_repr import short_repr
 
 __all__ = ["METHODS", "SCHEDULES", "FullMapConfig"]
 
@@ -60,6 +61,8 @@ class FullMapConfig:
     seed: int = 0
     samples: int = 100
     burn_in: int = 20
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if self.prior is not None and not 0.0 < self.prior < 1.0:

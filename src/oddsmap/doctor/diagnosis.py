@@ -26,6 +26,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.note import Note
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Diagnosis", "SensorFacts", "diagnose"]
 
@@ -53,6 +54,8 @@ class SensorFacts:
     places: int
     information: float
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
@@ -65,6 +68,8 @@ class Diagnosis:
 
     findings: tuple[Note, ...]
     sensors: tuple[SensorFacts, ...]
+
+    __repr__ = short_repr
 
 
 def diagnose(

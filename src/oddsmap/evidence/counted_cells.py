@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,10 +26,13 @@ from oddsmap.query.places import Placed
 from oddsmap.scans.report import Report
 from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.registry import Sensor
+from oddsmap.short_repr import counted, described, grid_facts, in_bytes
 from oddsmap.version import __version__
 
 __all__ = ["CountedCells"]
 
+# A census of as much takes 45 ms; of more, tiles are counted.
+_CENSUS_BYTES = 1 << 26
 # What a region takes a cell while it is made: two weights of 8 bytes, and as much as votes.
 _REGION_BYTES = 32
 
@@ -57,6 +61,21 @@ class CountedCells(Placed):
     Raises:
         ConfigError: a value is outside its range.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from self.place_facts()
+        yield f'votes "{self.votes}", sensor {self.sensor.kind}'
+        forgets = self.config.map
+        if forgets.half_life is not None:
+            yield f"half-life {forgets.half_life:g} s"
+        if forgets.half_life_scans is not None:
+            yield f"half-life {forgets.half_life_scans:g} scans"
+        if self.lengths is not None:
+            yield "with path lengths"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self,
@@ -110,6 +129,17 @@ class CountedCells(Placed):
         """Length of beams inside cells [1/65536 of a cell's side], stored in place of passes."""
         self.provenance: list[dict[str, Any]] = []
         self.report: Report | None = None
+
+    def place_facts(self) -> list[str]:
+        """Resolution, what is known, and where, for `repr`: in milliseconds, also of large maps."""
+        tiles = self.tiles
+        if not tiles.count:
+            return [*grid_facts(self.ndim, self.resolution, None, None), "empty"]
+        if self.nbytes <= _CENSUS_BYTES:
+            census = tiles.census()
+            return grid_facts(self.ndim, self.resolution, census.cells, census.bounds)
+        box = tiles.side * tiles.coords.min(axis=0), tiles.side * (tiles.coords.max(axis=0) + 1)
+        return [*grid_facts(self.ndim, self.resolution, None, box), counted(tiles.count, "tile")]
 
     @property
     def resolution(self) -> float:

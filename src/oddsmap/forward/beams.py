@@ -15,6 +15,7 @@ from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.poses.product import product
 from oddsmap.scans.scan import Scan
+from oddsmap.short_repr import short_repr
 
 __all__ = ["BeamCells", "Beams", "beam_cells"]
 
@@ -46,6 +47,8 @@ class Beams:
     origins: FloatArray
     directions: FloatArray
     ranges: FloatArray
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for name in ("origins", "directions", "ranges"):

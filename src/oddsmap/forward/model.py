@@ -25,6 +25,7 @@ from oddsmap.forward import predicted_ranges
 from oddsmap.forward.beams import BeamCells, Beams, beam_cells
 from oddsmap.forward.occupancy_box import Window
 from oddsmap.query.predicted_ranges import MapAlongRays, RangeDistribution
+from oddsmap.short_repr import short_repr
 
 if TYPE_CHECKING:
     from oddsmap.kernels.infer.first_echo import Noise
@@ -80,6 +81,8 @@ class ForwardModel:
     sigma: float = 0.035
     range_bias: float = 0.005
     bin_width: float | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.cone_deg <= 180.0:

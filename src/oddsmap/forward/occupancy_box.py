@@ -12,6 +12,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.cell_index import one_cell
 from oddsmap.errors import InputError
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Window"]
 
@@ -35,6 +36,8 @@ class Window:
     resolution: float
     lo: npt.NDArray[np.int64] | None = None
     detection: FloatArray | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         d = np.ndim(self.occupancy)

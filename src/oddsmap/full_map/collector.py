@@ -59,6 +59,10 @@ class BeamCollector:
         self._scans: list[Measurement] = []
         self._read = Report()
 
+    def __len__(self) -> int:
+        """How many scans there are."""
+        return len(self._scans)
+
     def add_log(self, log: Log | Iterable[Measurement]) -> None:
         """Take all scans of a log, and note it in the provenance."""
         started = time.perf_counter()

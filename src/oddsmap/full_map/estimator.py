@@ -13,7 +13,7 @@ docs/method/full-map.md explains the method.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +28,7 @@ from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor, sensor_of_log
+from oddsmap.short_repr import counted, described
 from oddsmap.warm_up import warm_up
 
 if TYPE_CHECKING:
@@ -87,6 +88,14 @@ class FullMapEstimator:
         ConfigError: the sensor has no forward model, a parameter is outside its range, or a
             setting of the filter is set.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield f"cells of {self.config.map.resolution:g} m"
+        yield f"sensor {self.config.sensor.kind}, {self.config.full_map.method}"
+        yield counted(len(self._beams), "scan")
 
     def __init__(self, config: Config, *, threads: int = 1) -> None:
         self._beams = BeamCollector(config, "full-map")

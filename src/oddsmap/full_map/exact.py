@@ -10,7 +10,7 @@ intractable; the first-echo likelihood is that of `oddsmap.forward.model`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.forward.beams import Beams
 from oddsmap.forward.model import ForwardModel
 from oddsmap.scans.scan import Scan
+from oddsmap.short_repr import described, extent_of
 
 __all__ = ["MOST_CELLS", "ExactPosterior"]
 
@@ -66,6 +67,15 @@ class ExactPosterior:
         >>> two.product_approximation().round(3)
         array([0.091, 0.211, 0.211, 0.488])
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        lo = self.lo * self.resolution
+        yield f"{' x '.join(map(str, self.shape[::-1]))} cells of {self.resolution:g} m"
+        yield extent_of(lo, lo + np.array(self.shape[::-1]) * self.resolution)
+        yield f"{1 << self.cell_count:,} maps"
 
     def __init__(
         self,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from oddsmap.limits import TILE_SIDE
 from oddsmap.odds import sigmoid
 from oddsmap.posterior.belief import Belief
 from oddsmap.scans.report import Report
+from oddsmap.short_repr import FEW_CELLS, counted, grid_facts, in_bytes
 
 __all__ = ["FullMap", "load_full_map"]
 
@@ -51,6 +53,16 @@ class FullMap(Belief):
         report: what was used and what was skipped, where it was estimated in this process.
         provenance: what the readings came from.
     """
+
+    def _facts(self) -> Iterator[str]:
+        bounds = self.bounds() if self.marks.size <= FEW_CELLS else None
+        yield from grid_facts(self.ndim, self.resolution, self.cell_count, bounds)
+        yield f"{self.method}, {counted(self.sweeps, 'sweep')}"
+        if not self.converged:
+            yield "not converged"
+        yield f"prior {self.prior:.4g}"
+        yield f"sensor {self.config.sensor.kind}"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self,

@@ -20,6 +20,7 @@ from oddsmap.kernels.infer.beam_factor import NAT
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.kernels.infer.incremental_likelihood import count_bins
 from oddsmap.limits import memory_limit
+from oddsmap.short_repr import short_repr
 
 __all__ = [
     "JointSamples",
@@ -51,6 +52,8 @@ class JointSamples:
     index: npt.NDArray[np.int64]
     occupied: BoolArray
     flip_rate: float
+
+    __repr__ = short_repr
 
 
 def factor_graph(work: Propagation) -> FactorGraph:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +31,7 @@ from oddsmap.scans.scan import Scan
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.registry import settings_of
 from oddsmap.sensors.usable_beams import usable_beams
+from oddsmap.short_repr import counted, described, in_bytes
 from oddsmap.warm_up import warm_up
 
 if TYPE_CHECKING:
@@ -66,6 +67,15 @@ class OnlineFullMap:
         ConfigError: the sensor has no forward model, a parameter is outside its range, or a
             setting of the filter is set.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield f"cells of {self.config.map.resolution:g} m, sensor {self.config.sensor.kind}"
+        yield f"{counted(self.report.scans, 'scan')}, {counted(self.report.beams, 'beam')}"
+        yield f"window of {counted(self._schedule.window, 'scan')}"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self,

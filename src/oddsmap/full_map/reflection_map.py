@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from oddsmap.config.config import Config
 from oddsmap.full_map.blocks import cells_at, dense_box, listed_cells
 from oddsmap.posterior.reflectivity import BetaView, IntervalKind
 from oddsmap.scans.report import Report
+from oddsmap.short_repr import FEW_CELLS, grid_facts
 
 __all__ = ["REST", "ReflectionMap"]
 
@@ -47,6 +49,14 @@ class ReflectionMap(BetaView):
         report: what was used and what was skipped.
         provenance: what the readings came from.
     """
+
+    def _facts(self) -> Iterator[str]:
+        bounds = self.bounds() if self.reached.size <= FEW_CELLS else None
+        reached = int(np.count_nonzero(self.reached))
+        yield from grid_facts(self.ndim, self.resolution, reached, bounds)
+        yield from self._settings_facts()
+        if not self.converged:
+            yield "not converged"
 
     def __init__(
         self,

@@ -12,6 +12,7 @@ import numpy as np
 from oddsmap.array_types import FloatArray
 from oddsmap.landmarks.likelihood import POLAR_COLUMNS, Linear, maximum_likelihood
 from oddsmap.landmarks.observations import Observations
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Landmark", "Track"]
 
@@ -31,6 +32,8 @@ class Landmark:
     mean: FloatArray
     covariance: FloatArray
     count: int
+
+    __repr__ = short_repr
 
 
 class Track:

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,10 @@ from oddsmap.landmarks.landmark import Landmark, Track
 from oddsmap.landmarks.observations import Observations
 from oddsmap.landmarks.store import read_json, save_csv, save_json
 from oddsmap.poses.pose import Pose2
+from oddsmap.short_repr import counted, described
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["LandmarkMap"]
 
@@ -58,6 +62,17 @@ class LandmarkMap:
     Raises:
         ConfigError: an argument outside its range.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield f"{self.ndim}D"
+        yield counted(len(self.landmarks), "landmark")
+        yield f"{self.tentative:,} tentative, {self.unlocated:,} not located"
+        yield f"gates {self.gate:g}, {self.new_gate:g}"
+        if lost := self.skipped.total():
+            yield f"{lost:,} skipped"
 
     def __init__(
         self,
@@ -152,6 +167,24 @@ class LandmarkMap:
                 error = mark.mean - np.asarray(truth[mark.id], dtype=np.float64)
                 values.append(error @ np.linalg.solve(mark.covariance, error))
         return np.array(values, dtype=np.float64)
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        trajectory: npt.ArrayLike | None = None,
+        title: str | None = None,
+    ) -> Axes:
+        """Draw landmarks and their 95 % ellipses: see `oddsmap.landmarks.picture.plot_landmarks`.
+
+        Args:
+            ax: axes of Matplotlib; None: the current ones of pyplot.
+            trajectory: positions of the sensor [m], shape (n, 2).
+            title: a line above the axes.
+        """
+        from oddsmap.landmarks.picture import plot_landmarks
+
+        return plot_landmarks(self.landmarks, ax, trajectory=trajectory, title=title)
 
     def save(self, path: str | Path, *, force: bool = False) -> Path:
         """Write the map: `.json` holds all and can be loaded, `.csv` is a table of the landmarks.

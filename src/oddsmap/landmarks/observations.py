@@ -12,6 +12,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.poses.pose import Pose, Pose2
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Kind", "Observations"]
 
@@ -41,6 +42,8 @@ class Observations:
     values: FloatArray
     covariance: FloatArray
     ids: npt.NDArray[np.int64] | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         d = 2 if isinstance(self.map_from_sensor, Pose2) else 3

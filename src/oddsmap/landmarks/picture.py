@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One PNG of a landmark map: positions, 95 % ellipses, and the way of the sensor."""
+"""A picture of a landmark map: positions, 95 % ellipses, and the way of the sensor."""
 
 from __future__ import annotations
 
@@ -12,20 +12,25 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
-from oddsmap.atomic_write import atomic_output, check_output
-from oddsmap.errors import ConfigError, InputError
+from oddsmap.errors import InputError
 from oddsmap.landmarks.landmark import Landmark
-from oddsmap.plot.picture import round_length
+from oddsmap.plot.frame import (
+    INK,
+    TRAJECTORY,
+    check_picture,
+    draw_trajectory,
+    round_length,
+    save_figure,
+)
+from oddsmap.plot.layout import positions_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["ellipse_axes", "save_landmarks_png"]
+__all__ = ["ellipse_axes", "plot_landmarks", "save_landmarks_png"]
 
 
-_INK = "#39434d"
-_PATH = "#e4572e"
 _MARK = "#2d6a9f"
 _LONG_SIDE = 9.0  # [inch], without the margins
 _DPI = 150
@@ -51,7 +56,7 @@ def save_landmarks_png(
 
     Args:
         landmarks: at least one.
-        path: the `.png` to write.
+        path: the `.png`, `.pdf` or `.svg` to write.
         trajectory: positions of the sensor [m], shape (n, 2), drawn as a line with a ring at its
             start and a dot at its end.
         title: a line above the picture.
@@ -62,23 +67,55 @@ def save_landmarks_png(
 
     Raises:
         InputError: no landmark, or the trajectory has another shape.
-        ConfigError: `path` does not end in .png.
+        ConfigError: `path` has another suffix.
         OutputError: the file exists already or cannot be written.
     """
     path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise ConfigError(f"{path}: a picture must have a name that ends in .png")
-    check_output(path, force=force)
-    line = np.empty((0, 2)) if trajectory is None else np.asarray(trajectory, dtype=np.float64)
-    if line.ndim != 2 or line.shape[1] != 2:
-        raise InputError(f"{path}: the trajectory must have shape (n, 2), got {line.shape}")
-    if not landmarks:
-        raise InputError(f"{path}: no landmark to draw")
-    figure = _draw(landmarks, line, title)
-    with atomic_output(path, force=force) as part:
-        # Not savefig: the user's matplotlibrc may tell that to cut the figure.
-        figure.canvas.print_png(str(part), metadata={"Software": "oddsmap"})  # type: ignore[attr-defined]
-    return path
+    check_picture(path, force=force)
+    try:
+        figure = _draw(landmarks, _way(trajectory), title)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return save_figure(figure, path, force=force)
+
+
+def plot_landmarks(
+    landmarks: Sequence[Landmark],
+    ax: Axes | None = None,
+    *,
+    trajectory: npt.ArrayLike | None = None,
+    title: str | None = None,
+) -> Axes:
+    """Draw landmarks into axes, as `save_landmarks_png` does.
+
+    Args:
+        landmarks: at least one.
+        ax: where; None: the current axes of pyplot.
+        trajectory: positions of the sensor [m], shape (n, 2).
+        title: a line above the axes.
+
+    Returns:
+        The axes, in metres.
+
+    Raises:
+        InputError: no landmark, or the trajectory has another shape.
+    """
+    line = _way(trajectory)
+    low, size, factor = _extent(landmarks, line)
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.gca()
+    _fill(ax, landmarks, line, low, size, factor)
+    ax.set_aspect("equal")
+    if title:
+        ax.set_title(title, loc="left")
+    return ax
+
+
+def _way(trajectory: npt.ArrayLike | None) -> FloatArray:
+    line = positions_of(trajectory)
+    return np.empty((0, 2)) if line is None else line
 
 
 def ellipse_axes(covariance: FloatArray, probability: float) -> tuple[float, float, float]:
@@ -102,9 +139,28 @@ def _draw(landmarks: Sequence[Landmark], line: FloatArray, title: str | None) ->
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    low, size, factor = _extent(landmarks, line)
+    inches = _LONG_SIDE * size / size.max()
+    left, right, bottom, top = 0.9, 0.3, 0.7, 0.75 if title else 0.45
+    width, height = left + inches[0] + right, bottom + inches[1] + top
+    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((left / width, bottom / height, inches[0] / width, inches[1] / height))
+    _fill(axes, landmarks, line, low, size, factor)
+    if title:
+        figure.text(left / width, 1.0 - 0.2 / height, title, size=12, weight="bold", color=INK,
+                    va="top")  # fmt: skip
+    return figure
+
+
+def _extent(
+    landmarks: Sequence[Landmark], line: FloatArray
+) -> tuple[FloatArray, FloatArray, float]:
+    """The lower left corner and the size of what is shown [m], and how ellipses are enlarged."""
+    if not landmarks:
+        raise InputError("no landmark to draw")
     means = np.array([mark.mean[:2] for mark in landmarks])
-    axes_of = [ellipse_axes(mark.covariance[:2, :2], _PROBABILITY) for mark in landmarks]
-    longer = np.array([axis[0] for axis in axes_of])
+    longer = np.array([_axes_of(mark)[0] for mark in landmarks])
     known = line[np.isfinite(line).all(axis=1)]
     span = float(np.ptp(np.concatenate([means, known]), axis=0).max())
     factor = _enlargement(float(np.median(longer)), span)
@@ -113,23 +169,28 @@ def _draw(landmarks: Sequence[Landmark], line: FloatArray, title: str | None) ->
     low, size = everything.min(axis=0), np.ptp(everything, axis=0)
     longest = max(float(size.max()), 1e-6)  # a sure landmark at a large coordinate is a point
     pad = np.maximum(_MARGIN * longest, (_MIN_SIDE * longest - size) / 2.0)
-    low, size = low - pad, size + 2.0 * pad
-    inches = _LONG_SIDE * size / size.max()
-    left, right, bottom, top = 0.9, 0.3, 0.7, 0.75 if title else 0.45
-    width, height = left + inches[0] + right, bottom + inches[1] + top
-    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
-    FigureCanvasAgg(figure)
-    axes = figure.add_axes((left / width, bottom / height, inches[0] / width, inches[1] / height))
+    return low - pad, size + 2.0 * pad, factor
+
+
+def _axes_of(mark: Landmark) -> tuple[float, float, float]:
+    return ellipse_axes(mark.covariance[:2, :2], _PROBABILITY)
+
+
+def _fill(
+    axes: Axes,
+    landmarks: Sequence[Landmark],
+    line: FloatArray,
+    low: FloatArray,
+    size: FloatArray,
+    factor: float,
+) -> None:
     axes.set_xlim(low[0], low[0] + size[0])
     axes.set_ylim(low[1], low[1] + size[1])
-    _draw_axes(axes, longest)
-    _draw_path(axes, line)
-    _draw_landmarks(axes, landmarks, axes_of, factor)
+    _draw_axes(axes, float(size.max()))
+    if len(line):
+        draw_trajectory(axes, line)
+    _draw_landmarks(axes, landmarks, factor)
     _draw_legend(axes, factor, with_path=len(line) > 0)
-    if title:
-        figure.text(left / width, 1.0 - 0.2 / height, title, size=12, weight="bold", color=_INK,
-                    va="top")  # fmt: skip
-    return figure
 
 
 def _enlargement(ellipse: float, longest: float) -> float:
@@ -142,7 +203,7 @@ def _draw_axes(axes: Axes, longest: float) -> None:
     from matplotlib.ticker import MultipleLocator
 
     for spine in axes.spines.values():
-        spine.set_color(_INK)
+        spine.set_color(INK)
         spine.set_linewidth(0.6)
     step = round_length(longest / 4.0)
     for axis in (axes.xaxis, axes.yaxis):
@@ -150,29 +211,21 @@ def _draw_axes(axes: Axes, longest: float) -> None:
         axis.set_major_formatter(f"{{x:.{max(0, -math.floor(math.log10(step)))}f}}")
     axes.grid(color="#dfe5ea", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.tick_params(colors=_INK, width=0.6, length=3.5, labelsize=9)
-    axes.set_xlabel("x [m]", color=_INK, size=10)
-    axes.set_ylabel("y [m]", color=_INK, size=10)
-
-
-def _draw_path(axes: Axes, line: FloatArray) -> None:
-    axes.plot(line[:, 0], line[:, 1], color=_PATH, linewidth=1.0)
-    known = line[np.isfinite(line).all(axis=1)]
-    if len(known):
-        for point, fill in ((known[0], "white"), (known[-1], _PATH)):
-            axes.plot(*point, "o", markersize=5, color=_PATH, markerfacecolor=fill)
+    axes.tick_params(colors=INK, width=0.6, length=3.5, labelsize=9)
+    axes.set_xlabel("x [m]", color=INK, size=10)
+    axes.set_ylabel("y [m]", color=INK, size=10)
 
 
 def _draw_landmarks(
     axes: Axes,
     landmarks: Sequence[Landmark],
-    axes_of: Sequence[tuple[float, float, float]],
     factor: float,
 ) -> None:
     from matplotlib.patches import Ellipse
     from matplotlib.patheffects import withStroke
 
-    for mark, (longer, shorter, angle) in zip(landmarks, axes_of, strict=True):
+    for mark in landmarks:
+        longer, shorter, angle = _axes_of(mark)
         x, y = map(float, mark.mean[:2])
         axes.add_patch(
             Ellipse(
@@ -194,7 +247,7 @@ def _draw_landmarks(
                 xytext=(5, 5),
                 textcoords="offset points",
                 size=7.5,
-                color=_INK,
+                color=INK,
                 path_effects=[withStroke(linewidth=2.0, foreground="white")],
                 zorder=5,
             )
@@ -213,7 +266,7 @@ def _draw_legend(axes: Axes, factor: float, *, with_path: bool) -> None:
     ]
     if with_path:
         handles.insert(
-            0, Line2D([], [], color=_PATH, linewidth=1.0, label="sensor from ring to dot")
+            0, Line2D([], [], color=TRAJECTORY, linewidth=1.0, label="sensor from ring to dot")
         )
     axes.legend(
         handles=handles,
@@ -222,7 +275,7 @@ def _draw_legend(axes: Axes, factor: float, *, with_path: bool) -> None:
         ncols=len(handles),
         frameon=False,
         fontsize=9,
-        labelcolor=_INK,
+        labelcolor=INK,
         columnspacing=1.4,
         borderaxespad=0.2,
     )

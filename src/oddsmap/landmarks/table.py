@@ -31,6 +31,7 @@ from oddsmap.landmarks.observations import Kind, Observations
 from oddsmap.landmarks.table_npz import NO_ID, check_id, is_npz, read_npz_columns
 from oddsmap.poses.pose import Pose2
 from oddsmap.readers.compression import Source, open_source
+from oddsmap.short_repr import short_repr
 
 __all__ = ["ObservationTable", "read_observations"]
 
@@ -68,6 +69,8 @@ class ObservationTable:
     ids: IntArray | None
     starts: IntArray
     skipped: Counter[str]
+
+    __repr__ = short_repr
 
     def scans(
         self,

@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -20,16 +21,25 @@ from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import box_cells, cell_indices
 from oddsmap.errors import InputError
 from oddsmap.odds import Thresholds, decided_by
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_probability, shrunk
 from oddsmap.query.places import check_places, points_in
 from oddsmap.query.queries import PointStates, Queries
 from oddsmap.query.scan_at_poses import Frame
 from oddsmap.scans.note import Note
+from oddsmap.short_repr import counted, described, extent_of, grid_facts
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["ProbabilityMap", "load_ros"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ProbabilityMap(Queries):
+class ProbabilityMap(Queries, Pictured):
     """Probabilities of a rectangle of 2D cells, which count from its own corner.
 
     Args:
@@ -50,6 +60,20 @@ class ProbabilityMap(Queries):
     origin: tuple[float, float] = (0.0, 0.0)
     yaw: float = 0.0
     notes: tuple[Note, ...] = ()
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        ny, nx = self.observed.shape
+        yield from grid_facts(2, self.resolution, int(np.count_nonzero(self.observed)), None)
+        yield f"{nx} x {ny} cells"
+        if self.yaw == 0.0:
+            yield extent_of(self.origin, np.add(self.origin, np.array([nx, ny]) * self.resolution))
+        else:
+            yield f"origin {self.origin[0]:.10g}, {self.origin[1]:.10g} m, yaw {self.yaw:.6g} rad"
+        if self.notes:
+            yield counted(len(self.notes), "note")
 
     def __post_init__(self) -> None:
         if self.probability.ndim != 2 or self.probability.shape != self.observed.shape:
@@ -138,6 +162,26 @@ class ProbabilityMap(Queries):
             thresholds: what is free and what is occupied; by default 0.196, 0.65.
         """
         return decided_by(thresholds, Thresholds()).state(self.probability, self.observed)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        box = self.bounds()
+        if box is None:
+            return None
+        y, x = np.nonzero(self.observed)
+        parts = [(np.stack([x, y], axis=1), self.probability[y, x])]
+        return of_probability(shrunk(parts, *box))
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.on_axes import plot_probability
+
+        return plot_probability(self, ax, **options)
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the observed cells as arrays, without counts: `oddsmap.map_files.npz.save_npz`.

@@ -24,6 +24,7 @@ from oddsmap.map_files.fields import LeafPart, OfLogOdds, PointPart
 from oddsmap.map_files.morton import MORTON_BITS, morton
 from oddsmap.odds import State, Thresholds, decided_by, sigmoid
 from oddsmap.query.queries import PointStates, Queries
+from oddsmap.short_repr import FEW_CELLS, described, grid_facts
 
 if TYPE_CHECKING:
     from oddsmap.map_files.octomap_range import Shift
@@ -65,6 +66,14 @@ class VoxelMap(Queries):
     level: npt.NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
     _base: IntArray = field(init=False, repr=False)
     _code: IntArray = field(init=False, repr=False)
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        bounds = self.bounds() if len(self.index) <= FEW_CELLS else None
+        yield from grid_facts(3, self.resolution, None, bounds)
+        yield f"{self.leaf_count:,} leaves"
 
     def __post_init__(self) -> None:
         index = cell_indices(self.index, 3)

@@ -58,7 +58,7 @@ def doubts_of_sample(sample: Sample) -> tuple[Note, ...]:
     return tuple({note.code: note for note in reversed(found)}.values())[::-1]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class WatchedLog(LogView):
     """A log whose scans are looked at while it is read; satisfies `Log`.
 

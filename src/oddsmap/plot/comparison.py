@@ -1,32 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One PNG of two maps: where they agree, and what is different. The layout is that of a map."""
+"""A picture of two maps: where they agree, and what is different."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
-from oddsmap.atomic_write import atomic_output, check_output
-from oddsmap.errors import ConfigError, InputError
-from oddsmap.maps.probability_map import ProbabilityMap
-from oddsmap.plot.picture import (
-    _INK,
-    _draw_axes,
-    _draw_scale_bar,
-    _layout,
-    bands,
-)
+from oddsmap.errors import InputError
+from oddsmap.plot import frame
+from oddsmap.plot.frame import INK
+from oddsmap.plot.layout import Cells, FrameOptions, layout_of, positions_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["COLOURS", "save_kinds"]
 
-COLOURS = ("#c7d5e3", "#ffffff", "#d9d9d9", "#d6c4e6", "#c4e0bd", "#11141a", "#2f7fd0", "#e4572e")
-"""Of unknown, free, undecided, known in the first or the second alone, occupied, gone, new."""
+COLOURS = ("#c7d5e3", "#ffffff", "#9c9c9c", "#cba6dd", "#efe08a", "#11141a", "#2f7fd0", "#e4572e")
+"""Of unknown, free, undecided, known in the first or the second alone, occupied, gone, new.
+
+A test holds that they stay apart for the three kinds of colour blindness, too."""
 
 
 def save_kinds(
@@ -37,6 +33,7 @@ def save_kinds(
     origin: tuple[float, float],
     names: tuple[str, ...],
     force: bool = False,
+    **options: Unpack[FrameOptions],
 ) -> Path:
     """Draw what two maps say of each cell.
 
@@ -45,78 +42,54 @@ def save_kinds(
 
     Args:
         kinds: numbers of `COLOURS`, 0 where neither map knows the cell, shape (ny, nx).
-        path: the `.png` to write.
+        path: the `.png`, `.pdf` or `.svg` to write.
         resolution: side of a cell [m].
         origin: the corner of the first cell [m].
         names: of the kinds, for the legend.
         force: True where an existing file may be replaced.
+        options: see `oddsmap.plot.layout.FrameOptions`.
 
     Returns:
         The path written.
 
     Raises:
         InputError: no cell is known.
-        ConfigError: `path` does not end in .png.
+        ConfigError: `path` has another suffix, or a size or crop out of range.
         OutputError: the file exists already or cannot be written.
     """
     path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise ConfigError(f"{path}: a picture must have a name that ends in .png")
-    check_output(path, force=force)
+    frame.check_picture(path, force=force)
     if not kinds.any():
         raise InputError(f"{path}: neither map knows a cell, nothing to draw")
-    figure = _draw(kinds, resolution, origin, names)
-    with atomic_output(path, force=force) as part:
-        # Not savefig: the user's matplotlibrc may tell that to cut the figure.
-        figure.canvas.print_png(str(part), metadata={"Software": "oddsmap"})  # type: ignore[attr-defined]
-    return path
+    seen = kinds > 0
+    grid = Cells(np.broadcast_to(0.0, kinds.shape), seen, resolution, origin)
+    try:
+        figure = _draw(kinds, grid, names, options)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return frame.save_figure(figure, path, force=force)
 
 
 def _draw(
     kinds: npt.NDArray[np.uint8],
-    resolution: float,
-    origin: tuple[float, float],
+    grid: Cells,
     names: tuple[str, ...],
+    options: FrameOptions,
 ) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import to_rgb
-    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-    seen = kinds > 0
-    grid = ProbabilityMap(np.broadcast_to(0.0, kinds.shape), seen, resolution, origin)
-    layout = _layout(grid)
-    x0, x1, y0, y1 = layout.limits
-    dpi = max(layout.width, layout.height) / 10.0
-    characters = max(len(f"{y:.1f}") for y in (y0, y1))
-    left, right, bottom, top = (
-        round(inch * dpi) for inch in (0.52 + 0.08 * characters, 0.3, 0.75, 0.85)
-    )
-    width, height = left + layout.width + right, bottom + layout.height + top
-    figure = Figure(figsize=(width / dpi, height / dpi), dpi=dpi, facecolor="white")
-    FigureCanvasAgg(figure)
-    box = (left / width, bottom / height, layout.width / width, layout.height / height)
-    axes = figure.add_axes(box)
-    axes.set_facecolor(COLOURS[0])
+    title, line = options.get("title"), positions_of(options.get("trajectory"))
+    layout = layout_of(grid, options)
+    figure, axes, box = frame.figure_of(layout, top=1.1 if title else 0.85)
     shades = np.rint(255 * np.array([to_rgb(colour) for colour in COLOURS])).astype(np.uint8)
-    picture = shades[_of_blocks(kinds[layout.rows, layout.columns], layout.block)]
-    side = resolution * layout.block
-    x = origin[0] + layout.columns.start * resolution
-    y = origin[1] + layout.rows.start * resolution
-    for rows in bands(picture.shape, layout, 0.0):
-        axes.imshow(
-            picture[rows],
-            origin="lower",
-            interpolation="nearest",
-            aspect="auto",  # equal by the layout, to the pixel
-            extent=(x, x + side * picture.shape[1], y + side * rows.start, y + side * rows.stop),
-        )
-    axes.set_xlim(x0, x1)  # imshow moves the limits
-    axes.set_ylim(y0, y1)
-    _draw_axes(axes)
-    _draw_scale_bar(figure, box, x1 - x0)
+    image = shades[_of_blocks(kinds[layout.rows, layout.columns], layout.block)]
+    frame.draw_image(axes, grid, layout, image)
+    if line is not None:
+        frame.draw_trajectory(axes, line)
+    frame.draw_around(figure, axes, layout, box, title)
     patches = [
-        Patch(facecolor=colour, edgecolor=_INK, linewidth=0.6, label=name)
+        Patch(facecolor=colour, edgecolor=INK, linewidth=0.6, label=name)
         for colour, name in zip(COLOURS, names, strict=True)
     ]
     figure.legend(
@@ -126,7 +99,7 @@ def _draw(
         ncols=4,
         frameon=False,
         fontsize=9,
-        labelcolor=_INK,
+        labelcolor=INK,
         handlelength=1.0,
         handleheight=1.0,
         columnspacing=1.2,

@@ -11,6 +11,7 @@ from oddsmap.array_types import BoolArray, FloatArray, IntArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import Trajectory
+from oddsmap.short_repr import short_repr
 
 __all__ = ["PoseArray", "PoseTrack"]
 
@@ -28,6 +29,8 @@ class PoseArray:
     rotations: FloatArray
     positions: FloatArray
     known: BoolArray
+
+    __repr__ = short_repr
 
     @classmethod
     def fixed(cls, pose: Pose3, count: int) -> PoseArray:

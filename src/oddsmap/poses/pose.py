@@ -8,6 +8,7 @@ the sensor frame [m] to the map frame [m]. Frames are right-handed, x forward, z
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError, shown
 from oddsmap.poses.product import product
+from oddsmap.short_repr import described
 
 __all__ = ["Pose", "Pose2", "Pose3", "quaternion_xyzw"]
 
@@ -92,6 +94,20 @@ class Pose3:
 
     translation: FloatArray
     rotation: FloatArray
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        x, y, z = (f"{float(value):.10g}" for value in self.translation)
+        yield f"x {x}, y {y}, z {z} m"
+        r = self.rotation
+        roll, yaw = math.atan2(r[2, 1], r[2, 2]), math.atan2(r[1, 0], r[0, 0])
+        pitch = math.atan2(-r[2, 0], math.hypot(r[0, 0], r[1, 0]))
+        angles = zip(("roll", "pitch", "yaw"), (roll, pitch, yaw), strict=True)
+        yield (
+            ", ".join(f"{name} {math.degrees(angle) + 0.0:.4g}" for name, angle in angles) + " deg"
+        )
 
     def __post_init__(self) -> None:
         shapes = np.shape(self.translation), np.shape(self.rotation)

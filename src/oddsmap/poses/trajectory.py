@@ -14,6 +14,7 @@ from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3, quaternion_xyzw
 from oddsmap.poses.product import product
+from oddsmap.short_repr import short_repr
 
 __all__ = ["NoPoseError", "Trajectory"]
 
@@ -43,6 +44,8 @@ class Trajectory:
     stamps_ns: StampArray | None = None
     path: str = "the trajectory"
     _order: npt.NDArray[np.intp] | None = field(init=False, repr=False, default=None)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for name, kind in (("positions", np.float64), ("rotations", np.float64)):

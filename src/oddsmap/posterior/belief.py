@@ -18,20 +18,27 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.map_files.fields import PlanePart, PointPart
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, decided_by, sigmoid
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_probability, shrunk
 from oddsmap.query.queries import PointStates, Queries
+from oddsmap.short_repr import described, grid_facts
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
     import xarray
+    from matplotlib.axes import Axes
 
     from oddsmap.map_files.fields import Leaves, OfLogOdds, Plane
     from oddsmap.map_files.octomap_range import Shift
     from oddsmap.map_files.ros_reader import RosMode
     from oddsmap.maps.voxel_map import VoxelMap
+    from oddsmap.plot.layout import FrameOptions
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["Belief", "Region"]
 
 
-class Belief(Queries, ABC):
+class Belief(Queries, Pictured, ABC):
     """p(m_i | z_1:t) of each cell, in 2D or 3D.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -44,6 +51,12 @@ class Belief(Queries, ABC):
 
     thresholds: Thresholds
     prior: float
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from grid_facts(self.ndim, self.resolution, None, self.bounds())
 
     @property
     @abstractmethod
@@ -250,11 +263,44 @@ class Belief(Queries, ABC):
             force=force,
         )
 
-    def save_png(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Draw the map: see `oddsmap.plot.picture.save_png`."""
-        from oddsmap.plot.picture import save_png
+    def save_png(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        force: bool = False,
+        **options: Unpack[FrameOptions],
+    ) -> None:
+        """Draw the map as `.png`, `.pdf` or `.svg`: see `oddsmap.plot.picture.save_picture`.
 
-        save_png(self.to_probability_map(), Path(path), force=force)
+        Args:
+            path: the file to write.
+            force: True where an existing file may be replaced.
+            options: title, trajectory, crop, size, whole: see
+                `oddsmap.plot.layout.FrameOptions`.
+        """
+        from oddsmap.plot.picture import save_picture
+
+        save_picture(self.to_probability_map(), Path(path), force=force, **options)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        box = self.bounds()
+        if box is None:
+            return None
+        # Of a column the largest is seen.
+        flat = ((index[:, :2], p) for index, p in self.parts(sigmoid))
+        return of_probability(shrunk(flat, box[0][:2], box[1][:2]))
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the map into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.on_axes import plot_probability
+
+        return plot_probability(self.to_probability_map(), ax, **options)
 
     def save_octomap(
         self,

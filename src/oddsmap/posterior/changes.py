@@ -25,6 +25,7 @@ Robotics (2005), table 9.1.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,13 +35,22 @@ from oddsmap.evidence.lookup import units_at
 from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import sigmoid
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_quantity
 from oddsmap.posterior.count_view import CountView
+from oddsmap.short_repr import short_repr
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["Changes", "changed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Changes:
+class Changes(Pictured):
     """Cells seen in both periods, and how probably each has changed.
 
     Args:
@@ -52,6 +62,8 @@ class Changes:
     index: IntArray
     probability: FloatArray
     resolution: float
+
+    __repr__ = short_repr
 
     def to_probability_map(self) -> ProbabilityMap:
         """Probabilities of a change with their place in the world; 0 where not observed.
@@ -70,6 +82,26 @@ class Changes:
         probability[y, x], observed[y, x] = self.probability, True
         origin = (float(lo[0]) * self.resolution, float(lo[1]) * self.resolution)
         return ProbabilityMap(probability, observed, self.resolution, origin)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        if self.index.shape[1] != 2 or not len(self.index):
+            return None
+        grid = self.to_probability_map()
+        value = np.where(grid.observed, grid.probability, np.nan)
+        return of_quantity(value, "P(changed)", (0.0, 1.0))
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw changes into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.on_axes import plot_quantity
+
+        grid = self.to_probability_map()
+        return plot_quantity(grid, ax, label="P(changed)", limits=(0.0, 1.0), **options)
 
 
 def changed(before: CountView, after: CountView, *, p_change: float = 0.1) -> Changes:

@@ -23,6 +23,7 @@ from oddsmap.evidence.arithmetic import how_to_match
 from oddsmap.kernels.units import ONE
 from oddsmap.odds import sigmoid
 from oddsmap.posterior.count_view import CountView
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Comparison", "Kind", "PlaneOfKinds", "compare", "kinds_in_plane"]
 
@@ -66,6 +67,8 @@ class Comparison:
     mean: float
     rms: float
     largest: float
+
+    __repr__ = short_repr
 
     @property
     def both(self) -> int:

@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.short_repr import short_repr
 
 __all__ = ["KNOTS", "LOG_MISS", "LOG_REFLECT", "CountModel", "knots_of", "occupied_at"]
 
@@ -56,6 +57,8 @@ class CountModel:
     """
 
     distributions: tuple[tuple[float, ...], ...]
+
+    __repr__ = short_repr
 
     @property
     def occupied_share(self) -> float:

@@ -24,12 +24,14 @@ from oddsmap.errors import ConfigError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
 from oddsmap.evidence.octree_order import has_octree_order
+from oddsmap.evidence.overview import overview_of
 from oddsmap.evidence.tile_watch import TileWatch
 from oddsmap.kernels.units import ONE
 from oddsmap.map_files.fields import Leaves, OfLogOdds, PlanePart, PointPart
 from oddsmap.map_files.octomap_range import HALF, Shift
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import Thresholds, decided_by, logit, sigmoid
+from oddsmap.plot.thumbnail import MOST_PIXELS, Thumbnail, of_hits, of_probability
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.prior import PriorMap, PriorSource
 from oddsmap.posterior.tile_leaves import OfCells, TileLeaves
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CountView", "CountWatch"]
 
+# A thumbnail of more cells is one of the sums of their evidence: decoding takes 40 ns for each.
+_SHRUNK_CELLS = 1 << 24
 # What a plane takes a cell: 9 bytes itself, the rest where a file is made of it.
 _PLANE_BYTES = 32
 
@@ -67,6 +71,25 @@ class CountView(Belief):
         ConfigError: a probability is outside its range.
         InputError: the prior map does not fit.
     """
+
+    def _thumbnail(self) -> Thumbnail | None:
+        tiles = self.evidence.tiles
+        small = tiles.count * tiles.side**2 <= _SHRUNK_CELLS or self.prior_map is not None
+        seen = None if self.ndim == 2 and small else overview_of(tiles, MOST_PIXELS)
+        if seen is None:
+            return super()._thumbnail()
+        known = (seen.hits > 0.0) | (seen.passes > 0.0)
+        if self.ndim == 3:
+            return of_hits(seen.hits, known)
+        p = sigmoid(self.of_votes(seen.hits, seen.passes))
+        return of_probability(np.where(known, p, np.nan), of=f"sums of {seen.block}² cells")
+
+    def _facts(self) -> Iterator[str]:
+        yield from self.evidence.place_facts()
+        yield f"prior {self.prior:.4g}" + ("" if self.prior_map is None else " and a map")
+        yield f"free to {self.thresholds.free:g}, occupied from {self.thresholds.occupied:g}"
+        if self.clamp is not None:
+            yield f"clamped to {self.clamp[0]:g}..{self.clamp[1]:g}"
 
     def __init__(
         self,

@@ -21,9 +21,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +34,17 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
+from oddsmap.plot.thumbnail import MOST_CELLS, Pictured, Thumbnail, of_quantity
 from oddsmap.query.places import Placed
+from oddsmap.short_repr import described
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.layout import FrameOptions
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["DecayQuantity", "DecayRate"]
 
@@ -42,7 +52,7 @@ Region = tuple[npt.ArrayLike, npt.ArrayLike]
 DecayQuantity = Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-pass"]
 
 
-class DecayRate(Placed):
+class DecayRate(Placed, Pictured):
     """p(decay rate | z_1:t) of each cell, a Gamma distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -62,6 +72,14 @@ class DecayRate(Placed):
         InputError: the map keeps no path lengths.
         ConfigError: a value is outside its range.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from self.evidence.place_facts()
+        yield f"Gamma prior of shape {self.shape:g}, rate {self.rate:g} m"
+        yield f"intervals of {self.level:g}"
 
     def __init__(
         self,
@@ -189,32 +207,76 @@ class DecayRate(Placed):
         return index, self.shape + hits, self.rate + length
 
     def save_png(
-        self, path: str | os.PathLike[str], *, show: DecayQuantity = "mean", force: bool = False
+        self,
+        path: str | os.PathLike[str],
+        *,
+        show: DecayQuantity = "mean",
+        force: bool = False,
+        **options: Unpack[FrameOptions],
     ) -> None:
-        """Draw a quantity: see `oddsmap.plot.quantity.save_quantity`.
+        """Draw a quantity as `.png`, `.pdf` or `.svg`: see `oddsmap.plot.quantity.save_quantity`.
 
         Args:
-            path: the `.png` to write.
+            path: the file to write.
             show: what to draw.
             force: True where an existing file may be replaced.
+            options: title, trajectory, crop, size, whole: see
+                `oddsmap.plot.layout.FrameOptions`.
 
         Raises:
             InputError: a 3D map.
         """
         from oddsmap.plot.quantity import save_quantity
 
+        save_quantity(
+            self._plane(show), Path(path), label=self._label(show), limits=self._limits(show),
+            force=force, **options,
+        )  # fmt: skip
+
+    def _thumbnail(self) -> Thumbnail | None:
+        box = self.evidence.bounds()
+        if self.ndim != 2 or box is None or np.prod(box[1] - box[0]) > MOST_CELLS:
+            return None
+        return of_quantity(np.where(self.observed(), self.mean(), np.nan), self._label("mean"))
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        show: DecayQuantity = "mean",
+        **options: Unpack[PlotOptions],
+    ) -> Axes:
+        """Draw a quantity into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            show: what to draw.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+
+        Raises:
+            InputError: a 3D map.
+        """
+        from oddsmap.plot.on_axes import plot_quantity
+
+        return plot_quantity(
+            self._plane(show), ax, label=self._label(show), limits=self._limits(show), **options
+        )
+
+    def _plane(self, show: DecayQuantity) -> ProbabilityMap:
         if self.evidence.ndim != 2:
             raise InputError("a picture needs a 2D map, this one is 3D; write .npz")
         lo, _ = self._region(None)
         side = self.evidence.resolution
-        grid = ProbabilityMap(
+        return ProbabilityMap(
             probability=self.quantity(show),
             observed=self.observed(),
             resolution=side,
             origin=(float(lo[0]) * side, float(lo[1]) * side),
         )
-        limits = (0.0, 1.0) if show == "p-pass" else None
-        save_quantity(grid, Path(path), label=self._label(show), limits=limits, force=force)
+
+    def _limits(self, show: DecayQuantity) -> tuple[float, float] | None:
+        return (0.0, 1.0) if show == "p-pass" else None
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write cells, counts and the posterior: see `oddsmap.map_files.npz.save_npz`.

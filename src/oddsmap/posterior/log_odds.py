@@ -19,6 +19,8 @@ Source: Thrun, Burgard, Fox: Probabilistic Robotics (2005), table 9.1 and equati
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
@@ -59,6 +61,10 @@ class LogOdds(CountView):
         ConfigError: a probability is outside its range.
         InputError: the prior map does not fit.
     """
+
+    def _facts(self) -> Iterator[str]:
+        yield from super()._facts()
+        yield f"p_hit {self.p_hit:g}, p_miss {self.p_miss:g}"
 
     def __init__(
         self,

@@ -29,6 +29,7 @@ from oddsmap.evidence.lookup import floor_cells, same_places
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.maps.voxel_map import VoxelMap
 from oddsmap.odds import logit
+from oddsmap.short_repr import short_repr
 
 __all__ = ["PRIOR_LIMIT", "FilterView", "MapLike", "PriorArray", "PriorMap", "PriorSource"]
 
@@ -56,6 +57,8 @@ class PriorArray:
 
     probability: FloatArray
     first: npt.ArrayLike
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         p = np.asarray(self.probability, np.float64)

@@ -18,6 +18,7 @@ for robot localization with lidar sensors (2017), section III-A (the Beta poster
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,9 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.lookup import units_at
+from oddsmap.evidence.overview import overview_of
 from oddsmap.kernels.units import ONE
+from oddsmap.plot.thumbnail import MOST_PIXELS, Thumbnail, of_hits, of_quantity
 from oddsmap.posterior.reflectivity import (
     BetaView,
     IntervalKind,
@@ -66,6 +69,20 @@ class Reflection(BetaView):
     Raises:
         ConfigError: a value is outside its range.
     """
+
+    def _thumbnail(self) -> Thumbnail | None:
+        seen = overview_of(self.evidence.tiles, MOST_PIXELS)
+        if seen is None:
+            return None
+        known = (seen.hits > 0.0) | (seen.passes > 0.0)
+        if self.ndim == 3:
+            return of_hits(seen.hits, known)
+        mean = beta_mean(self.a + seen.hits, self.b + seen.passes)
+        return of_quantity(np.where(known, mean, np.nan), "mean reflectivity", (0.0, 1.0))
+
+    def _facts(self) -> Iterator[str]:
+        yield from self.evidence.place_facts()
+        yield from self._settings_facts()
 
     def __init__(
         self,

@@ -22,12 +22,20 @@ from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import State, Thresholds
+from oddsmap.plot.thumbnail import MOST_CELLS, Pictured, Thumbnail, of_quantity
 from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
 from oddsmap.query.queries import PointStates, Queries
+from oddsmap.short_repr import described, grid_facts
 
 if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
     from oddsmap.map_files.npz import Column
     from oddsmap.map_files.ros_reader import RosMode
+    from oddsmap.plot.layout import FrameOptions
+    from oddsmap.plot.on_axes import PlotOptions
 
     Rows: TypeAlias = npt.NDArray[Any] | Column
 
@@ -46,7 +54,7 @@ def check_beta_prior(a: float, b: float) -> None:
             raise ConfigError(f"the Beta prior's {name} is a weight above 0, got {weight}")
 
 
-class BetaView(Queries, ABC):
+class BetaView(Queries, Pictured, ABC):
     """p(reflectivity | z_1:t) of each cell, a Beta distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -66,6 +74,18 @@ class BetaView(Queries, ABC):
     """
 
     _reflects: ClassVar[bool] = True
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from grid_facts(self.ndim, self.resolution, None, self.bounds())
+        yield from self._settings_facts()
+
+    def _settings_facts(self) -> Iterator[str]:
+        yield f"Beta prior {self.a:.4g}, {self.b:.4g}"
+        yield f"threshold {self.threshold:g}"
+        yield f"{self.kind} intervals of {self.level:g}"
 
     def __init__(
         self, *, a: float, b: float, threshold: float, level: float, kind: IntervalKind
@@ -268,22 +288,62 @@ class BetaView(Queries, ABC):
         )
 
     def save_png(
-        self, path: str | os.PathLike[str], *, show: Quantity = "mean", force: bool = False
+        self,
+        path: str | os.PathLike[str],
+        *,
+        show: Quantity = "mean",
+        force: bool = False,
+        **options: Unpack[FrameOptions],
     ) -> None:
-        """Draw a quantity: see `oddsmap.plot.quantity.save_quantity`.
+        """Draw a quantity as `.png`, `.pdf` or `.svg`: see `oddsmap.plot.quantity.save_quantity`.
 
         Args:
-            path: the `.png` to write.
+            path: the file to write.
             show: what to draw.
             force: True where an existing file may be replaced.
+            options: title, trajectory, crop, size, whole: see
+                `oddsmap.plot.layout.FrameOptions`.
         """
         from oddsmap.plot.quantity import save_quantity
 
-        whole = show not in ("std", "interval-width")
         save_quantity(
-            self._plane(show), Path(path), label=self._label(show),
-            limits=(0.0, 1.0) if whole else None, force=force,
+            self._plane(show), Path(path), label=self._label(show), limits=self._limits(show),
+            force=force, **options,
         )  # fmt: skip
+
+    def _thumbnail(self) -> Thumbnail | None:
+        box = self.bounds()
+        if self.ndim != 2 or box is None or np.prod(box[1] - box[0]) > MOST_CELLS:
+            return None
+        mean = np.where(self.observed(), self.mean(), np.nan)
+        return of_quantity(mean, "mean reflectivity", (0.0, 1.0))
+
+    def plot(
+        self,
+        ax: Axes | None = None,
+        *,
+        show: Quantity = "mean",
+        **options: Unpack[PlotOptions],
+    ) -> Axes:
+        """Draw a quantity into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            show: what to draw.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+
+        Raises:
+            InputError: a 3D map.
+        """
+        from oddsmap.plot.on_axes import plot_quantity
+
+        return plot_quantity(
+            self._plane(show), ax, label=self._label(show), limits=self._limits(show), **options
+        )
+
+    def _limits(self, show: Quantity) -> tuple[float, float] | None:
+        return None if show in ("std", "interval-width") else (0.0, 1.0)
 
     def save_npz(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write cells, counts and the posterior: see `oddsmap.map_files.npz.save_npz`.

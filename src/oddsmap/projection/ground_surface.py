@@ -26,6 +26,7 @@ from oddsmap.projection.ground_plane import (
     lowest_of_columns,
     plane_through,
 )
+from oddsmap.short_repr import short_repr
 
 __all__ = ["GroundSurface", "fit_ground_surface"]
 
@@ -59,6 +60,8 @@ class GroundSurface:
     offset: FloatArray
     corner: tuple[int, int]
     patch: float
+
+    __repr__ = short_repr
 
     def at(self, x: npt.ArrayLike, y: npt.ArrayLike) -> FloatArray:
         """Height of the ground at places [m]."""

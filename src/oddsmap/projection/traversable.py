@@ -16,6 +16,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +28,7 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.maps.voxel_map import VoxelMap
 from oddsmap.odds import Thresholds, decided_by, sigmoid
+from oddsmap.plot.thumbnail import Pictured, Thumbnail
 from oddsmap.posterior.belief import Belief
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.projection.columns import Columns
@@ -34,6 +36,14 @@ from oddsmap.projection.floor import Limits, Verdict, judge_columns
 from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
 from oddsmap.query.given_numbers import check_numbers
+from oddsmap.short_repr import short_repr
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["Traversability", "traversable"]
 
@@ -44,7 +54,7 @@ _FREE, _OCCUPIED, _UNDECIDED = 0.02, 0.98, 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Traversability:
+class Traversability(Pictured):
     """What a robot meets in each column of a map, arrays of shape (ny, nx), y ascending.
 
     Attributes:
@@ -61,6 +71,8 @@ class Traversability:
     resolution: float
     origin: tuple[float, float]
 
+    __repr__ = short_repr
+
     def to_probability_map(self) -> ProbabilityMap:
         """A 2D map for planners: free cells 0.02, what cannot be driven over 0.98.
 
@@ -72,6 +84,22 @@ class Traversability:
         seen = self.verdict != Verdict.UNKNOWN
         p[~seen] = 0.5
         return ProbabilityMap(p, seen, self.resolution, self.origin)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        return self.to_probability_map()._thumbnail()
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw the verdicts into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_probability`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.on_axes import plot_probability
+
+        label = "free (white), undecided (grey), blocked (black)"
+        return plot_probability(self.to_probability_map(), ax, label=label, **options)
 
     def save_ros(self, path: str | os.PathLike[str], *, force: bool = False) -> tuple[Path, Path]:
         """Write it as a ROS map: see `oddsmap.map_files.ros_writer.save_ros`."""

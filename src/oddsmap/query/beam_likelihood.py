@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from oddsmap.query.pose_batches import over_poses
 from oddsmap.query.ray_caster import RayCaster
 from oddsmap.query.scan_at_poses import Frame, Poses, PosesLike, ScanBeams
 from oddsmap.scans.scan import Scan
+from oddsmap.short_repr import described, in_bytes
 
 __all__ = ["BeamLikelihood"]
 
@@ -52,6 +54,16 @@ class BeamLikelihood:
     Raises:
         ConfigError: an argument is outside its range, or the weights do not add up to 1.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield f"{self.ndim}D"
+        yield f"cells of {self.resolution:g} m"
+        for name in ("z_hit", "z_short", "z_max", "z_rand", "sigma_hit", "range_max"):
+            yield f"{name} {getattr(self._model, name):g}"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self,

@@ -23,7 +23,7 @@ import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,12 +32,21 @@ from oddsmap.array_types import FloatArray, IntArray, Region
 from oddsmap.cell_index import check_room
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.odds import State, Thresholds
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_quantity
 from oddsmap.query.boxes import Box
 from oddsmap.query.distance_field import box_given
 from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.obstacles import View
 from oddsmap.query.places import Framed
 from oddsmap.query.squared_distances import squared_to
+from oddsmap.short_repr import short_repr
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["Costmap", "inflate", "make_costmap"]
 
@@ -50,7 +59,7 @@ _BYTES = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Costmap(Framed):
+class Costmap(Framed, Pictured):
     """Costs of a box of 2D cells, as Nav2's planners read them.
 
     Attributes:
@@ -71,6 +80,8 @@ class Costmap(Framed):
     resolution: float
     lo: IntArray
     map_from_cells: tuple[FloatArray, FloatArray] | None = None
+
+    __repr__ = short_repr
 
     @property
     def ndim(self) -> int:
@@ -120,6 +131,26 @@ class Costmap(Framed):
         inside = ((place >= 0) & (place < self.cost.shape[::-1])).all(axis=1)
         found[inside] = self.cost[tuple(place[inside].T[::-1])]
         return found
+
+    def _thumbnail(self) -> Thumbnail | None:
+        cost = np.where(self.cost == self.NO_INFORMATION, np.nan, self.cost.astype(np.float64))
+        return of_quantity(cost, "cost", (0.0, float(self.LETHAL))) if cost.size else None
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw costs into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+        """
+        from oddsmap.plot.layout import Cells
+        from oddsmap.plot.on_axes import plot_quantity
+
+        known = self.cost != self.NO_INFORMATION
+        cells = Cells(self.cost.astype(np.float64), known, self.resolution, self.origin, self.yaw)
+        label = f"cost ({self.INSCRIBED} inscribed, {self.LETHAL} lethal)"
+        return plot_quantity(cells, ax, label=label, limits=(0.0, float(self.LETHAL)), **options)
 
     def save_ros(self, path: str | os.PathLike[str], *, force: bool = False) -> tuple[Path, Path]:
         """Write a map for ROS's map_server, mode raw: it publishes what `occupancy` holds.

@@ -20,6 +20,7 @@ from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.obstacles import Obstacles, View
 from oddsmap.query.places import Framed
 from oddsmap.query.squared_distances import Squared, none_of, squared_to
+from oddsmap.short_repr import described, in_bytes
 
 __all__ = ["DistanceBand"]
 
@@ -50,6 +51,16 @@ class DistanceBand(Framed):
         signed: whether obstacles have distances below 0.
         map_from_cells: where cells count from, if not from the map frame: rotation, translation.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield f"{self.ndim}D"
+        yield f"cells of {self.resolution:g} m"
+        yield "signed" if self.signed else "unsigned"
+        yield f"up to {self.max_distance:g} m"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self, view: View, *, max_distance: float, obstacles: Obstacles, signed: bool, threads: int

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +15,21 @@ from oddsmap.cell_index import box_cells, cell_box, cell_indices, check_room
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.kernels.query.distances import FAR
 from oddsmap.limits import in_metres
+from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_quantity
 from oddsmap.query.boxes import Box
 from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.obstacles import Obstacles, View, Watch
 from oddsmap.query.places import Framed
 from oddsmap.query.renewal import boxes_to_renew
 from oddsmap.query.squared_distances import Mask, Squared, none_of, squared_to
+from oddsmap.short_repr import described, grid_facts, in_bytes
+
+if TYPE_CHECKING:
+    from typing import Unpack
+
+    from matplotlib.axes import Axes
+
+    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["DistanceField", "box_given"]
 
@@ -30,7 +40,7 @@ _BYTES = 20
 _FIRST_HALO = 64
 
 
-class DistanceField(Framed):
+class DistanceField(Framed, Pictured):
     """Distances between the centres of cells and of their nearest obstacles.
 
     A cell that is an obstacle has distance 0; in a signed field it has the distance to the nearest
@@ -60,6 +70,16 @@ class DistanceField(Framed):
     Source:
         Felzenszwalb, Huttenlocher: Distance transforms of sampled functions (2012).
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from grid_facts(self.ndim, self.resolution, None, (self._box.lo, self._box.hi))
+        yield "signed" if self.signed else "unsigned"
+        if self.max_distance is not None:
+            yield f"up to {self.max_distance:g} m"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self,
@@ -307,6 +327,40 @@ class DistanceField(Framed):
     def distance(self) -> FloatArray:
         """Distances [m], in the shape of `squared`; infinite where there is none."""
         return self._in_metres(self.squared)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        if self.ndim != 2 or not self._squared.size:
+            return None
+        return of_quantity(self.distance, "distance to the nearest obstacle [m]")
+
+    def plot(self, ax: Axes | None = None, **options: Unpack[PlotOptions]) -> Axes:
+        """Draw distances into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
+
+        Args:
+            ax: where; None: the current axes of pyplot.
+            options: title, trajectory, crop, whole, colour_bar, cmap: see
+                `oddsmap.plot.on_axes.PlotOptions`.
+
+        Raises:
+            InputError: a 3D field.
+        """
+        from oddsmap.plot.layout import Cells
+        from oddsmap.plot.on_axes import plot_quantity
+
+        if self.ndim != 2:
+            raise InputError("a plot needs a 2D field, this one is 3D")
+        distance, (turn, corner) = self.distance, self.map_from_cells or (np.eye(2), np.zeros(2))
+        x, y = turn @ (self.lo * self.resolution) + corner
+        yaw = math.atan2(turn[1, 0], turn[0, 0])
+        cells = Cells(distance, np.isfinite(distance), self.resolution, (float(x), float(y)), yaw)
+        reach = "" if self.max_distance is None else f" within {self.max_distance:g} m"
+        return plot_quantity(
+            cells,
+            ax,
+            label="distance to the nearest obstacle [m]",
+            missing=f"none{reach}",
+            **options,
+        )
 
     def at(self, points: npt.ArrayLike) -> FloatArray:
         """Distances at points, those of the cells that hold them.

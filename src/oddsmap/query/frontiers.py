@@ -19,6 +19,7 @@ from oddsmap.kernels.query.state_blocks import BLOCK_BITS
 from oddsmap.odds import State
 from oddsmap.query.places import CellGrid
 from oddsmap.query.state_blocks import bit_of, fill_blocks
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Connectivity", "Frontier", "find_frontiers"]
 
@@ -44,6 +45,8 @@ class Frontier:
     centroid: FloatArray
     goal: FloatArray
     box: tuple[FloatArray, FloatArray]
+
+    __repr__ = short_repr
 
 
 class _Grid(CellGrid, Protocol):

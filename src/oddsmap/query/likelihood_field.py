@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from oddsmap.query.pose_batches import over_poses
 from oddsmap.query.scan_at_poses import Poses, PosesLike, ScanBeams
 from oddsmap.query.squared_distances import Squared, none_of, squared_to
 from oddsmap.scans.scan import Scan
+from oddsmap.short_repr import described, grid_facts, in_bytes
 
 __all__ = ["LikelihoodField"]
 
@@ -57,6 +59,15 @@ class LikelihoodField:
         ConfigError: an argument is outside its range.
         MapTooLargeError: memory does not hold the box of occupied cells.
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        box = (self._lo[: self.ndim], (self._lo + self._shape)[: self.ndim])
+        yield from grid_facts(self.ndim, self.resolution, None, box)
+        yield f"range_max {self.range_max:g} m"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self,

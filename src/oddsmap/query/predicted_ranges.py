@@ -14,6 +14,7 @@ import numpy as np
 
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.errors import ConfigError, shown
+from oddsmap.short_repr import short_repr
 
 __all__ = ["MapAlongRays", "RangeDistribution", "RangeModel", "model_of"]
 
@@ -34,6 +35,8 @@ class RangeDistribution:
     probability: FloatArray
     no_return: FloatArray
     no_information: FloatArray
+
+    __repr__ = short_repr
 
     @property
     def middles(self) -> FloatArray:

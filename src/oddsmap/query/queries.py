@@ -19,6 +19,7 @@ from oddsmap.query.places import CellGrid, Placed
 from oddsmap.query.predicting import Predicting
 from oddsmap.query.ray_caster import RayCaster, RayHits, Until
 from oddsmap.query.scan_at_poses import Frame
+from oddsmap.short_repr import short_repr
 
 __all__ = ["PointStates", "Queries"]
 
@@ -44,6 +45,8 @@ class PointStates:
     hits: FloatArray | None = None
     passes: FloatArray | None = None
     interval: tuple[FloatArray, FloatArray] | None = None
+
+    __repr__ = short_repr
 
 
 class _View(CellGrid, Protocol):

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
@@ -22,6 +22,7 @@ from oddsmap.query.places import CellGrid, check_places, points_in
 from oddsmap.query.scan_at_poses import Frame
 from oddsmap.query.state_blocks import bit_of, fill_blocks
 from oddsmap.query.stop_tree import plant
+from oddsmap.short_repr import described, in_bytes, short_repr
 
 __all__ = ["RayCaster", "RayHits", "Until", "Walker", "rays_in"]
 
@@ -57,6 +58,8 @@ class RayHits:
     cell: IntArray
     ended_by: npt.NDArray[np.int8]
 
+    __repr__ = short_repr
+
     @property
     def met(self) -> BoolArray:
         """True where a cell ended the ray."""
@@ -73,6 +76,14 @@ class RayCaster:
         frame: where the map's cells count from, if not from the map frame: map_from_grid as
             rotation, shape (d, d), and translation [m], shape (d,).
     """
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield f"{self.ndim}D"
+        yield f"cells of {self.resolution:g} m"
+        yield in_bytes(self.nbytes)
 
     def __init__(
         self,

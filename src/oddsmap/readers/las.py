@@ -144,7 +144,7 @@ def _poses(
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class LasLog(ReadOnDemand):
     """Points of a LAS file as scans; satisfies the `Log` protocol.
 

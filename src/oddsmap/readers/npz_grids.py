@@ -40,7 +40,7 @@ _NOT_SEEN = 255
 _KEYS = ("grids", "poses", "pixel", "corner", "stamp_ns")
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class GridLog(LogItems):
     """Grids in memory as they are in the file: scans are made of them while one iterates.
 

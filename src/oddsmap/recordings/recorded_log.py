@@ -53,7 +53,7 @@ def _lean(shape: str, map_from_sensor: Pose3) -> float:
     return math.hypot(float(turned[2, 0]), float(turned[2, 1]))
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class RecordedLog(ReadOnDemand):
     """Scans of some topics of a recording; satisfies the `Log` protocol.
 

@@ -25,6 +25,7 @@ from oddsmap.poses.pose import Pose3
 from oddsmap.scans.given_stamp import Seconds, stamp_of
 from oddsmap.scans.readings import numbers
 from oddsmap.scans.scan import Scan
+from oddsmap.short_repr import short_repr
 
 __all__ = ["CameraLike", "DepthScan", "PinholeCamera", "camera_of"]
 
@@ -178,6 +179,8 @@ class DepthScan:
     number: int | None = None
     stated: Mapping[str, float] = field(default_factory=dict, init=False, repr=False)
     """What its log states about the sensor, by the names of the configuration; logs set it."""
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "map_from_sensor", _in_space(self.map_from_sensor))

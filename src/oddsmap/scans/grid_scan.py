@@ -13,6 +13,7 @@ import numpy.typing as npt
 from oddsmap.errors import InputError
 from oddsmap.poses.given_pose import pose_of
 from oddsmap.poses.pose import Pose2
+from oddsmap.short_repr import short_repr
 
 __all__ = ["GridScan"]
 
@@ -46,6 +47,8 @@ class GridScan:
     stamp_ns: int | None = None
     sensor_id: str = ""
     number: int | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         where = pose_of(self.map_from_sensor)

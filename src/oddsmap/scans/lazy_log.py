@@ -19,7 +19,7 @@ from oddsmap.scans.scan import Scan
 __all__ = ["DepthLog", "LazyLog"]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class LazyLog(ReadOnDemand):
     """Scans that are read while one iterates; satisfies the `Log` protocol.
 
@@ -106,7 +106,7 @@ class LazyLog(ReadOnDemand):
         return scan
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
 class DepthLog(LazyLog):
     """Depth images: it yields `DepthScan`s.
 

@@ -11,6 +11,7 @@ from typing import Any, Protocol, overload
 from oddsmap.poses.pose import Pose
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Log", "SensorInfo", "parts_of"]
 
@@ -27,6 +28,8 @@ class SensorInfo:
 
     settings: Mapping[str, float] = field(default_factory=dict)
     body_from_sensor: Pose | None = None
+
+    __repr__ = short_repr
 
 
 class Log(Protocol):

@@ -7,9 +7,11 @@ import operator
 from collections import deque
 from collections.abc import Callable, Iterator
 from itertools import islice
+from pathlib import Path
 from typing import Any, overload
 
 from oddsmap.poses.pose import Pose
+from oddsmap.short_repr import counted, described
 
 __all__ = ["LogItems", "ReadOnDemand"]
 
@@ -18,6 +20,21 @@ class LogItems:
     """What `log[i]` and `log.poses` mean: iterating decides. Made to be derived from."""
 
     __slots__ = ()
+
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self: Any) -> Iterator[str]:
+        yield Path(self.path).name
+        yield self.format
+        count = self.scan_count
+        yield "scans not counted" if count is None else counted(count, "scan")
+        if len(self.sensors) > 1:
+            yield counted(len(self.sensors), "sensor")
+        if lost := self.skipped.total():
+            yield f"{lost:,} skipped"
+        if self.notes:
+            yield counted(len(self.notes), "note")
 
     def __iter__(self) -> Iterator[Any]:
         """The measurements in file order."""

@@ -17,7 +17,7 @@ from oddsmap.scans.scan import Scan
 __all__ = ["LogView"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LogView(LogItems):
     """All scans of another log; satisfies `Log`. Made to be derived from.
 

@@ -23,7 +23,7 @@ class BadLine:
     message: str
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LoadedLog(LogItems):
     """All scans of a log, in file order; satisfies the `Log` protocol.
 

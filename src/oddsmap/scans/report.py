@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
+from oddsmap.short_repr import short_repr
+
 __all__ = ["Report"]
 
 
@@ -19,6 +21,8 @@ class Report:
     integrate_s: float = 0.0
     compile_s: float = 0.0
     read_s: float = 0.0
+
+    __repr__ = short_repr
 
     def add(self, scans: int, beams: int, skipped: Counter[str]) -> None:
         """Count one batch."""

@@ -17,6 +17,7 @@ from oddsmap.poses.pose import Pose, Pose2
 from oddsmap.scans.given_stamp import Seconds, stamp_of
 from oddsmap.scans.point_beams import beams_to, in_sensor_frame
 from oddsmap.scans.readings import angles_in, check_unit, metres, numbers
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Scan"]
 
@@ -75,6 +76,8 @@ class Scan:
     that is another one: what the robot's own body and angles of beams are told in, shape (n, d)."""
     stated: Mapping[str, float] = field(default_factory=dict, init=False, repr=False)
     """What its log states about the sensor, by the names of the configuration; logs set it."""
+
+    __repr__ = short_repr
 
     def __post_init__(self, trusted: bool) -> None:
         if not trusted:

@@ -16,7 +16,7 @@ from oddsmap.scans.scan import Scan
 __all__ = ["PartOfLog", "every_of", "held_count", "hold_out", "is_held", "run_of"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PartOfLog(LogView):
     """The scans of a log that are mapped, or those that are held out; satisfies `Log`.
 

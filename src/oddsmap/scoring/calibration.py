@@ -34,6 +34,7 @@ from oddsmap.sensors.beam import BeamSensor
 from oddsmap.sensors.cone import ConeSensor
 from oddsmap.sensors.registry import Sensor, sensor_of_log
 from oddsmap.sensors.usable_beams import usable_beams
+from oddsmap.short_repr import short_repr
 
 if TYPE_CHECKING:
     from oddsmap.forward.beams import Beams
@@ -85,6 +86,8 @@ class Calibration:
         """Doubts about the fit as a whole, one sentence each."""
         warning = "" if self.mirrors is None else self.mirrors.warning
         return (warning,) if warning else ()
+
+    __repr__ = short_repr
 
     @property
     def values(self) -> dict[str, float]:

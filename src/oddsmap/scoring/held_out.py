@@ -23,6 +23,7 @@ from oddsmap.scoring.reliability import BINS, Reliability
 from oddsmap.sensors.base import RangingSensor
 from oddsmap.sensors.registry import Sensor
 from oddsmap.sensors.usable_beams import usable_beams
+from oddsmap.short_repr import short_repr
 
 __all__ = ["LogScores", "score_map"]
 
@@ -68,6 +69,8 @@ class LogScores:
     constant_log_likelihood: float
     constant: float
     reliability: Reliability
+
+    __repr__ = short_repr
 
     @property
     def ece(self) -> float:

@@ -24,6 +24,7 @@ from oddsmap.posterior.count_fit import fit_beta
 from oddsmap.posterior.count_pairs import count_pairs
 from oddsmap.posterior.log_odds import LogOdds
 from oddsmap.scoring.reliability import BINS, Reliability
+from oddsmap.short_repr import short_repr
 
 __all__ = [
     "CALIBRATED",
@@ -85,6 +86,8 @@ class ReflectionScores:
     votes: float
     unknown: float
     of: dict[str, Predicted]
+
+    __repr__ = short_repr
 
     @property
     def log_odds_fail(self) -> bool:

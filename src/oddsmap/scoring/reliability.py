@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
+from oddsmap.short_repr import short_repr
 
 __all__ = ["BINS", "Reliability"]
 
@@ -35,6 +36,8 @@ class Reliability:
     count: npt.NDArray[np.int64]
     predicted: FloatArray
     happened: npt.NDArray[np.int64]
+
+    __repr__ = short_repr
 
     @classmethod
     def of(cls, probability: FloatArray, happened: npt.NDArray[np.bool_]) -> Reliability:

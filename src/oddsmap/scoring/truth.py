@@ -11,6 +11,7 @@ import numpy.typing as npt
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import InputError
 from oddsmap.scoring.reliability import Reliability
+from oddsmap.short_repr import short_repr
 
 __all__ = ["Scores", "evaluate"]
 
@@ -40,6 +41,8 @@ class Scores:
     ece: float
     iou: float
     n: int
+
+    __repr__ = short_repr
 
 
 def evaluate(

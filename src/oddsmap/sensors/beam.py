@@ -26,6 +26,7 @@ from oddsmap.scans.measurement import Measurement
 from oddsmap.sensors.filters import AngleWindow, body_box, check_body
 from oddsmap.sensors.inverse_model import HitShape, beam_weights
 from oddsmap.sensors.segments import Segments, cut_scans
+from oddsmap.short_repr import short_repr
 
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
@@ -107,6 +108,8 @@ class BeamSensor:
     detection: float = 0.98
     p_random: float = 0.02
     p_dropout: float = 0.02
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for name in ("range_min", "hit_width", "sigma", "fade"):

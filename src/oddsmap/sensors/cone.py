@@ -28,6 +28,7 @@ from oddsmap.sensors.beam import NO_RANGE_MAX, BeamSensor, check_rates
 from oddsmap.sensors.cell_votes import CellVotes
 from oddsmap.sensors.filters import check_filters
 from oddsmap.sensors.usable_beams import Verdicts, judge_readings, refuse_beam_origins
+from oddsmap.short_repr import short_repr
 
 if TYPE_CHECKING:
     from oddsmap.forward.model import ForwardModel
@@ -113,6 +114,8 @@ class ConeSensor:
     p_random: float = 0.02
     p_dropout: float = 0.02
     sigma: float = 0.035
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not 0.0 < self.cone_deg <= 180.0:

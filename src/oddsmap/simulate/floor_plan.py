@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import InputError
+from oddsmap.short_repr import short_repr
 from oddsmap.simulate.shapes import Disc, Shape
 
 __all__ = ["FloorPlan"]
@@ -40,6 +41,8 @@ class FloorPlan:
     _starts: FloatArray = field(init=False, repr=False, compare=False)
     _edges: FloatArray = field(init=False, repr=False, compare=False)
     _discs: FloatArray = field(init=False, repr=False, compare=False)
+
+    __repr__ = short_repr
 
     def __init__(self, obstacles: Iterable[Shape]) -> None:
         shapes = tuple(obstacles)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import InputError
+from oddsmap.short_repr import short_repr
 from oddsmap.simulate.solids import Ground, Solid
 
 __all__ = ["World3D"]
@@ -42,6 +43,8 @@ class World3D:
     ground: Ground | None
     _centres: FloatArray = field(init=False, repr=False, compare=False)
     _radii: FloatArray = field(init=False, repr=False, compare=False)
+
+    __repr__ = short_repr
 
     def __init__(self, solids: Iterable[Solid], ground: Ground | None = None) -> None:
         things = tuple(solids)

@@ -33,6 +33,7 @@ from oddsmap.scans.scan import Scan
 from oddsmap.scans.scan_part import part_of
 from oddsmap.scans.split_log import is_held
 from oddsmap.sensors.registry import KINDS, Sensor, sensor_of_log
+from oddsmap.short_repr import short_repr
 from oddsmap.witnesses.reach import beams_near
 
 __all__ = ["Explanation", "ScanVote", "why"]
@@ -70,6 +71,8 @@ class ScanVote:
     beam_hits: FloatArray
     beam_passes: FloatArray
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explanation:
@@ -96,6 +99,8 @@ class Explanation:
     map_hits: float
     map_passes: float
     notes: tuple[Note, ...]
+
+    __repr__ = short_repr
 
     @property
     def complete(self) -> bool:
