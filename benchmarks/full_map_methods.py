@@ -30,6 +30,7 @@ METHODS: dict[str, dict[str, Any]] = {
     "map": {"method": "map"},
     "gibbs, 20 samples": {"method": "gibbs", "samples": 20, "burn_in": 10},
     "gibbs, 100 samples": {"method": "gibbs"},
+    "gibbs, windows": {"method": "gibbs", "prior_model": "windows"},
     "gibbs, 400 samples": {"method": "gibbs", "samples": 400},
 }
 

@@ -154,6 +154,13 @@ def _gibbs(case: Case, _: list[Case]) -> Estimate:
     return case.of(view)
 
 
+def _windows(case: Case, _: list[Case]) -> Estimate:
+    settings = FullMapConfig(method="gibbs", prior_model="windows")
+    sensor = ConeSensor(**case.sensor)
+    view = build_full_map(case.scans, RESOLUTION, sensor=sensor, settings=settings)
+    return case.of(view)
+
+
 def _thrun(case: Case, _: list[Case]) -> Estimate:
     sensor = ConeSensor(**case.sensor)
     model = sensor.forward_model()
@@ -200,6 +207,7 @@ _ESTIMATORS: Estimates = {
     "full map": _full_map,
     "online": _online,
     "Gibbs, 100 sweeps": _gibbs,
+    "Gibbs, windows": _windows,
     "Thrun's EM": _thrun,
     "inverse model, tuned and scaled": _tuned,
     "inverse model, textbook": _textbook,

@@ -190,6 +190,9 @@ def _full_maps(scans: Scans) -> None:
                 method=method, schedule=schedule, sweeps=2, burn_in=1, samples=2
             )
             oddsmap.build_full_map(scans, RESOLUTION, sensor=sensor, settings=settings)
+    if scans[0].directions.shape[1] == 2:
+        settings = FullMapConfig(method="gibbs", prior_model="windows", burn_in=1, samples=2)
+        oddsmap.build_full_map(scans, RESOLUTION, sensor=sensor, settings=settings)
     sensor.forward_model().bin_likelihoods(1.0, RESOLUTION)
     oddsmap.build_reflection_map(scans, RESOLUTION, sensor=sensor)
     online = OnlineFullMap(

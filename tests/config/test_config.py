@@ -90,6 +90,7 @@ CHANGES: dict[str, dict[str, Any]] = {
     "posterior": {"prior": 0.2, "free": 0.45, "occupied": 0.75},
     "full_map": {
         "method": "map",
+        "prior_model": ("windows", {"method": "gibbs"}),
         "prior": 0.3,
         "coupling": 0.4,
         "sweeps": 2,

@@ -14,7 +14,8 @@ from oddsmap.forward.beams import Beams
 from oddsmap.forward.model import ForwardModel
 from oddsmap.forward.occupancy_box import Window
 from oddsmap.full_map.exact import ExactPosterior
-from oddsmap.full_map.gibbs import FactorGraph, gibbs, hill_climb, log_joint
+from oddsmap.full_map.factor_graph import FactorGraph, log_joint
+from oddsmap.full_map.gibbs import gibbs, hill_climb
 from oddsmap.kernels.infer.beam_factor import BeamRows
 
 SHAPE = (3, 3)

@@ -11,9 +11,10 @@ import numpy as np
 from oddsmap.errors import ConfigError
 from oddsmap.short_repr import short_repr
 
-__all__ = ["METHODS", "SCHEDULES", "FullMapConfig"]
+__all__ = ["METHODS", "PRIOR_MODELS", "SCHEDULES", "FullMapConfig"]
 
 METHODS = ("sum-product", "gibbs", "map")
+PRIOR_MODELS = ("ising", "windows")
 SCHEDULES = ("chunks", "sequential", "parallel")
 
 # As for a beam's message: all that 31 bits hold, with room to spare. No neighbour is so sure.
@@ -36,6 +37,10 @@ class FullMapConfig:
             0.8 in 2D, 0.4 in 3D, by the sonar benchmark and by held-out readings. Belief
             propagation takes sides by itself from ln 2 = 0.69 in 2D and ln 1.5 = 0.41 in
             3D: there, cells that no beam observes drift together, which `FullMap` marks.
+        prior_model: "ising": `prior` and `coupling`, as above. "windows": for "gibbs" in 2D, what
+            3 x 3 windows of cells look like in buildings and among obstacles, learnt with cells of
+            0.1 m; `prior` and `coupling` then say where the chain starts, and what a cell that no
+            beam lists has.
         sweeps: the maximum number of sweeps over all beams.
         tolerance: sweeps end once messages change by less than this on average [nats]: those of
             beams, and those between neighbours.
@@ -54,6 +59,7 @@ class FullMapConfig:
     method: str = "sum-product"
     prior: float | None = None
     coupling: float | None = None
+    prior_model: str = "ising"
     sweeps: int = 40
     tolerance: float = 2e-3
     schedule: str = "chunks"
@@ -79,10 +85,17 @@ class FullMapConfig:
             value = getattr(self, name)
             if value < minimum:
                 raise ConfigError(f"full_map.{name} is at least {minimum}, got {value}")
-        for name, known in (("method", METHODS), ("schedule", SCHEDULES)):
+        for name, known in (
+            ("method", METHODS), ("prior_model", PRIOR_MODELS), ("schedule", SCHEDULES)
+        ):  # fmt: skip
             value = getattr(self, name)
             if value not in known:
                 raise ConfigError(f"full_map.{name} is one of {', '.join(known)}, got {value!r}")
+        if self.prior_model == "windows" and self.method != "gibbs":
+            raise ConfigError(
+                "full_map.prior_model windows is for Gibbs sampling, got full_map.method "
+                f"{self.method}: set full_map.method gibbs, or leave prior_model at ising"
+            )
 
     def coupling_in(self, ndim: int) -> float:
         """J for cells of a 2D map (2) or a 3D map (3)."""

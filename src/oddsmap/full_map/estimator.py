@@ -186,6 +186,11 @@ class FullMapEstimator:
         compile_s = warm_up(_estimate_toys, joint)
         started = time.perf_counter()
         field, rows = self._beams.list_beams((settings.prior_in(2), settings.prior_in(3)))
+        if field.ndim != 2 and settings.prior_model == "windows":
+            raise ConfigError(
+                "full_map.prior_model windows has been learnt for 2D maps, and these scans make a "
+                "3D one: leave it at ising"
+            )
         self.report.compile_s += compile_s
         model = self._beams.model
         detection = np.array([model.detection])
@@ -209,4 +214,8 @@ def _estimate_toys(joint: bool) -> None:
         note_observed(field, rows, model, 1.0, np.ones(1))
         if joint:
             draw_maps(work, 1, 1)
+            if field.ndim == 2:
+                work.config = FullMapConfig(method="gibbs", prior_model="windows", burn_in=0)
+                draw_maps(work, 1, 1)
+                work.config = settings
             log_odds_by_climbing(work)

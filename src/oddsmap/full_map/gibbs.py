@@ -2,8 +2,9 @@
 """Gibbs sampling and hill climbing over maps: the reference, and the most probable map.
 
 Both work on the same factors as message passing: the beams' forward model and a prior on pairs of
-neighbours. Gibbs sampling is exact in the limit of many sweeps and gives whole maps drawn from the
-joint posterior; hill climbing ends in a map that no single cell can improve.
+neighbours; Gibbs sampling under a prior on windows, too. It is exact in the limit of many sweeps
+and gives whole maps drawn from the joint posterior; hill climbing ends in a map that no single cell
+can improve.
 
 Source: Geman and Geman, Stochastic relaxation, Gibbs distributions, and the Bayesian restoration of
 images (1984); Besag, On the statistical analysis of dirty pictures (1986); Thrun, Burgard, Fox:
@@ -12,78 +13,22 @@ Probabilistic Robotics (2005), section 9.4 and table 9.3 (hill climbing).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from oddsmap.array_types import BoolArray, FloatArray
-from oddsmap.errors import ConfigError, InputError
-
-if TYPE_CHECKING:
-    from oddsmap.kernels.infer.beam_factor import BeamRows
-    from oddsmap.kernels.infer.first_echo import Noise
-    from oddsmap.kernels.infer.incremental_likelihood import BeamBins, CellRows
+from oddsmap.errors import ConfigError
+from oddsmap.full_map.factor_graph import FactorGraph, begin, log_joint_in
+from oddsmap.full_map.gibbs_chains import chain_of
 
 __all__ = [
     "Climb",
-    "FactorGraph",
     "GibbsSamples",
     "conditional_log_odds",
     "gibbs",
     "hill_climb",
-    "log_joint",
 ]
-
-State = npt.NDArray[np.uint8]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FactorGraph:
-    """Cells, the beams that meet them, and the prior: all that the posterior of a map is made of.
-
-    Args:
-        rows: the beams and their cells; their readings carry information.
-        noise: what the sensor adds.
-        detection: chance that an occupied cell wholly in the cone returns the beam, for each cell
-            or one for all, shape (1,).
-        neighbours: numbers of each cell's neighbours, -1 where there is none, shape (cells, 2 d); a
-            pair of neighbours is listed from both sides.
-        prior: log odds of a cell before its neighbours and beams are looked at, for each cell or
-            one for all, shape (1,).
-        coupling: J of the Ising prior exp(J [m_i = m_j]).
-
-    Raises:
-        InputError: shapes do not fit, or a beam meets a cell that does not exist.
-    """
-
-    rows: BeamRows
-    noise: Noise
-    detection: FloatArray
-    neighbours: npt.NDArray[np.int32]
-    prior: FloatArray = field(default_factory=lambda: np.zeros(1))
-    coupling: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("detection", "prior"):
-            value = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
-            if value.shape not in ((1,), (self.cell_count,)):
-                raise InputError(
-                    f"{name} is one number or one for each of {self.cell_count} cells, got shape "
-                    f"{value.shape}"
-                )
-            object.__setattr__(self, name, value)
-        met = self.rows.cells
-        if len(met) and not (met.min() >= 0 and met.max() < self.cell_count):
-            raise InputError(
-                f"beams meet cells {met.min()} to {met.max()}, but there are {self.cell_count}"
-            )
-
-    @property
-    def cell_count(self) -> int:
-        """How many cells there are."""
-        return len(self.neighbours)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,31 +99,27 @@ def gibbs(
         ConfigError: no sweep, or a negative number of them.
         InputError: a start of another shape.
     """
-    from oddsmap.kernels.infer.cell_flips import gibbs_sweep
-
     if sweeps < 1 or burn_in < 0 or (sample_every is not None and sample_every < 1):
         raise ConfigError(
             "Gibbs sampling takes sweeps >= 1, burn_in >= 0 and sample_every >= 1, got "
             f"{sweeps}, {burn_in} and {sample_every}"
         )
-    bins, of_cells, state = _begin(graph, start)
-    rng = np.random.default_rng(seed)
+    chain = chain_of(graph, start, seed)
     total, before = np.zeros((2, graph.cell_count))
     half = np.float64(sweeps // 2)
     kept: list[BoolArray] = []
     flips = 0
     for sweep in range(-burn_in, sweeps):
         if sweep == 0:
+            if burn_in > 0:
+                chain.settle(total / burn_in)
             total[:] = 0.0
             flips = 0
         if sweep == half:
             before[:] = total
-        flips += gibbs_sweep(
-            graph.rows, bins, of_cells, graph.detection, graph.neighbours, graph.prior,
-            float(graph.coupling), rng.random(graph.cell_count), state, total,
-        )  # fmt: skip
+        flips += chain.sweep(total)
         if sample_every is not None and sweep >= 0 and (sweep + 1) % sample_every == 0:
-            kept.append(state == 1)
+            kept.append(chain.state == 1)
     samples = np.stack(kept) if kept else np.empty((0, graph.cell_count), np.bool_)
     with np.errstate(invalid="ignore"):
         halves = np.stack([before / half, (total - before) / (sweeps - half)])
@@ -207,7 +148,7 @@ def hill_climb(
 
     if max_sweeps < 1:
         raise ConfigError(f"hill climbing takes max_sweeps >= 1, got {max_sweeps}")
-    bins, of_cells, state = _begin(graph, start)
+    bins, of_cells, state = begin(graph, start)
     done, flips = 0, 1
     while flips and done < max_sweeps:
         flips = climb_sweep(
@@ -216,7 +157,7 @@ def hill_climb(
         )  # fmt: skip
         done += 1
     flip_rate = flips / max(1, graph.cell_count)
-    return Climb(state == 1, _log_joint(graph, bins, state), done, flip_rate)
+    return Climb(state == 1, log_joint_in(graph, bins, state), done, flip_rate)
 
 
 def conditional_log_odds(graph: FactorGraph, occupied: BoolArray) -> FloatArray:
@@ -227,66 +168,10 @@ def conditional_log_odds(graph: FactorGraph, occupied: BoolArray) -> FloatArray:
     """
     from oddsmap.kernels.infer.cell_flips import conditional
 
-    bins, of_cells, state = _begin(graph, occupied)
+    bins, of_cells, state = begin(graph, occupied)
     odds = np.empty(graph.cell_count)
     conditional(
         bins, of_cells, graph.detection, graph.neighbours, graph.prior, float(graph.coupling),
         state, odds,
     )  # fmt: skip
     return odds
-
-
-def log_joint(graph: FactorGraph, occupied: BoolArray) -> float:
-    """Log p(z, m) of a map, up to the constant of the prior: minus its energy.
-
-    sum over beams of log p(z | m), plus the prior's log odds of the occupied cells, plus the
-    coupling for each pair of equal neighbours.
-
-    Raises:
-        InputError: a map of another shape.
-    """
-    bins, _, state = _begin(graph, occupied)
-    return _log_joint(graph, bins, state)
-
-
-def _begin(graph: FactorGraph, start: BoolArray | None) -> tuple[BeamBins, CellRows, State]:
-    from oddsmap.kernels.infer.incremental_likelihood import (
-        BeamBins,
-        CellRows,
-        count_bins,
-        list_bins,
-        renew_all,
-        turn_rows,
-    )
-
-    rows, cells = graph.rows, graph.cell_count
-    if start is None:
-        state = np.zeros(cells, np.uint8)
-    elif start.shape != (cells,):
-        raise InputError(f"a map of {cells} cells has shape ({cells},), got {start.shape}")
-    else:
-        state = start.astype(np.uint8)
-    beams, count = len(rows.readings), count_bins(rows)
-    bins = BeamBins(
-        np.empty(beams + 1, np.int64), np.empty(count + 1, np.int64), np.empty(count, np.int32),
-        np.empty(count), np.empty(beams), np.empty(count), np.empty(count), np.empty(count),
-        np.empty(beams),
-    )  # fmt: skip
-    list_bins(rows, graph.noise, bins)
-    of_cells = CellRows(
-        np.empty(cells + 1, np.int64),
-        np.empty(len(rows.cells), np.int32),
-        np.empty(len(rows.cells), np.float32),
-    )
-    turn_rows(rows, bins, of_cells)
-    renew_all(rows, bins, graph.detection, state)
-    return bins, of_cells, state
-
-
-def _log_joint(graph: FactorGraph, bins: BeamBins, state: State) -> float:
-    # Each pair of neighbours is listed twice.
-    there = graph.neighbours >= 0
-    equal = np.count_nonzero(there & (state[graph.neighbours] == state[:, None])) / 2
-    with np.errstate(divide="ignore"):
-        beams = float(np.sum(np.log(bins.likelihood)))
-    return beams + float(np.sum(graph.prior * state)) + float(graph.coupling) * equal

@@ -15,7 +15,9 @@ import numpy.typing as npt
 from oddsmap.array_types import BoolArray, FloatArray
 from oddsmap.errors import MapTooLargeError
 from oddsmap.full_map.belief_propagation import Propagation
-from oddsmap.full_map.gibbs import FactorGraph, conditional_log_odds, gibbs, hill_climb
+from oddsmap.full_map.factor_graph import FactorGraph
+from oddsmap.full_map.gibbs import GibbsSamples, conditional_log_odds, gibbs, hill_climb
+from oddsmap.full_map.window_prior import windows_of
 from oddsmap.kernels.infer.beam_factor import NAT
 from oddsmap.kernels.infer.cell_status import REACHED
 from oddsmap.kernels.infer.incremental_likelihood import count_bins
@@ -36,6 +38,10 @@ _LEAST = 1e-12
 _DRAW = 1e-6
 # Bytes of a row sorted by cell, and of a beam's bin.
 _ROW, _BIN = 8, 44
+# And of a cell under the window prior, with the rim.
+_WINDOW = 80
+# How sure a cell can be where the prior has been learnt from some worlds: others exist.
+_LEARNT = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,13 +63,17 @@ class JointSamples:
 
 
 def factor_graph(work: Propagation) -> FactorGraph:
-    """All cells, beams and pairs of neighbours of a propagation as one posterior over maps.
+    """All cells and beams of a propagation and its prior as one posterior over maps.
+
+    Under the window prior there are more cells than the field has, behind its own.
 
     Raises:
         MapTooLargeError: its tables would not fit in memory.
     """
     field, rows, config = work.field, work.rows, work.config
     needed = field.nbytes + work.nbytes + _ROW * len(rows.cells) + _BIN * count_bins(rows)
+    if config.prior_model == "windows":
+        needed += _WINDOW * len(field.belief)
     limit = memory_limit()
     if needed > limit:
         raise MapTooLargeError(
@@ -71,6 +81,9 @@ def factor_graph(work: Propagation) -> FactorGraph:
             f"{needed / 1e9:.3g} GB of memory (there are {limit / 1e9:.3g} GB): use "
             "full_map.method sum-product, a coarser resolution, or map a part of the log"
         )
+    if config.prior_model == "windows":
+        windows, beside = windows_of(field, rows)
+        return FactorGraph(rows, work.noise, work.detection, beside, windows=windows)
     return FactorGraph(
         rows,
         work.noise,
@@ -89,17 +102,15 @@ def log_odds_by_gibbs(work: Propagation) -> tuple[FloatArray, float]:
         of the counted sweeps, over the observed cells; 1 where there is no
         such thing.
     """
-    graph, config = factor_graph(work), work.config
-    found = gibbs(
-        graph,
-        sweeps=config.samples,
-        burn_in=config.burn_in,
-        seed=config.seed,
-        start=work.field.belief > 0,
-    )
-    p = np.clip(found.probability, _LEAST, 1.0 - _LEAST)
+    config, cells = work.config, len(work.field.belief)
+    found = _drawn(work, config.samples)
+    if config.prior_model == "windows":
+        p = np.clip(found.probability[:cells], _LEARNT, 1.0 - _LEARNT)
+        p[np.bincount(work.rows.cells, minlength=cells) == 0] = config.prior_in(2)
+    else:
+        p = np.clip(found.probability, _LEAST, 1.0 - _LEAST)
     seen = work.field.observed == REACHED
-    apart = np.abs(found.halves[0] - found.halves[1])[seen]
+    apart = np.abs(found.halves[0] - found.halves[1])[:cells][seen]
     drift = float(apart.mean()) if config.samples > 1 and len(apart) else 1.0
     return np.log(p) - np.log1p(-p), drift
 
@@ -123,15 +134,22 @@ def log_odds_by_climbing(work: Propagation) -> tuple[FloatArray, int, float]:
 def draw_maps(work: Propagation, count: int, every: int) -> JointSamples:
     """Draw whole maps, `every` sweeps apart, of the cells that are noted as observed."""
     field = work.field
-    found = gibbs(
-        factor_graph(work),
-        sweeps=count * every,
-        burn_in=work.config.burn_in,
-        seed=work.config.seed,
-        start=field.belief > 0,
-        sample_every=every,
-    )
+    found = _drawn(work, count * every, every)
     cells = np.flatnonzero(field.observed == REACHED)
     index = field.index(cells)
     order = np.lexsort(index.T)
     return JointSamples(index[order], found.samples[:, cells[order]], found.flip_rate)
+
+
+def _drawn(work: Propagation, sweeps: int, every: int | None = None) -> GibbsSamples:
+    graph, config = factor_graph(work), work.config
+    start = np.zeros(graph.cell_count, np.bool_)
+    start[: len(work.field.belief)] = work.field.belief > 0
+    return gibbs(
+        graph,
+        sweeps=sweeps,
+        burn_in=config.burn_in,
+        seed=config.seed,
+        start=start,
+        sample_every=every,
+    )

@@ -28,13 +28,51 @@ from oddsmap.kernels.infer.incremental_likelihood import (
 )
 from oddsmap.kernels.jit import inlined, kernel
 
-__all__ = ["climb_sweep", "conditional", "gibbs_sweep"]
+__all__ = ["climb_sweep", "conditional", "flip", "gibbs_sweep", "with_beams"]
 
 FloatArray = npt.NDArray[np.float64]
 State = npt.NDArray[np.uint8]
 
 # Odds this near to 0 are a draw: rounding must not turn a cell over and back forever.
 _DRAW = 1e-9
+
+
+@inlined
+def with_beams(
+    total: float, bins: BeamBins, of_cells: CellRows, detection: FloatArray, state: State, cell: int
+) -> float:
+    """Log odds of one cell given all others, `total` being what the prior makes of it."""
+    chance = chance_of(detection, cell)
+    # Ratios are multiplied, so that few logarithms are needed.
+    odds = 1.0
+    for i in range(of_cells.offsets[cell], of_cells.offsets[cell + 1]):
+        k = of_cells.bins[i]
+        d = chance * of_cells.fractions[i]
+        part = bins.gain[k] / quiet(d, state[cell])
+        # 1e-300: a reading that no map of these two explains says nothing about the cell.
+        ratio = max(bins.base[k] + part * (1.0 - d), 1e-300) / max(bins.base[k] + part, 1e-300)
+        odds *= min(max(ratio, 1e-200), 1e200)
+        if odds < 1e-100 or odds > 1e100:
+            total += math.log(odds)
+            odds = 1.0
+    return total + math.log(odds)
+
+
+@inlined
+def flip(
+    rows: BeamRows,
+    bins: BeamBins,
+    of_cells: CellRows,
+    detection: FloatArray,
+    state: State,
+    cell: int,
+) -> None:
+    """Turn one cell over, and renew the bins of its beams."""
+    state[cell] = 1 - state[cell]
+    for i in range(of_cells.offsets[cell], of_cells.offsets[cell + 1]):
+        k = of_cells.bins[i]
+        bins.silent[k] = silence(rows, bins, detection, state, k)
+        renew(bins, bins.beams[k])
 
 
 @inlined
@@ -54,36 +92,7 @@ def _log_odds(
         other = neighbours[cell, way]
         if other >= 0:
             total += strength * (2.0 * state[other] - 1.0)
-    chance = chance_of(detection, cell)
-    # Ratios are multiplied, so that few logarithms are needed.
-    odds = 1.0
-    for i in range(of_cells.offsets[cell], of_cells.offsets[cell + 1]):
-        k = of_cells.bins[i]
-        d = chance * of_cells.fractions[i]
-        part = bins.gain[k] / quiet(d, state[cell])
-        # 1e-300: a reading that no map of these two explains says nothing about the cell.
-        ratio = max(bins.base[k] + part * (1.0 - d), 1e-300) / max(bins.base[k] + part, 1e-300)
-        odds *= min(max(ratio, 1e-200), 1e200)
-        if odds < 1e-100 or odds > 1e100:
-            total += math.log(odds)
-            odds = 1.0
-    return total + math.log(odds)
-
-
-@inlined
-def _flip(
-    rows: BeamRows,
-    bins: BeamBins,
-    of_cells: CellRows,
-    detection: FloatArray,
-    state: State,
-    cell: int,
-) -> None:
-    state[cell] = 1 - state[cell]
-    for i in range(of_cells.offsets[cell], of_cells.offsets[cell + 1]):
-        k = of_cells.bins[i]
-        bins.silent[k] = silence(rows, bins, detection, state, k)
-        renew(bins, bins.beams[k])
+    return with_beams(total, bins, of_cells, detection, state, cell)
 
 
 @kernel
@@ -149,7 +158,7 @@ def gibbs_sweep(
         p = 1.0 / (1.0 + math.exp(-odds))
         total[cell] += p
         if (uniform[cell] < p) != (state[cell] == 1):
-            _flip(rows, bins, of_cells, detection, state, cell)
+            flip(rows, bins, of_cells, detection, state, cell)
             flips += 1
     return flips
 
@@ -176,6 +185,6 @@ def climb_sweep(
     for cell in range(state.shape[0]):
         odds = _log_odds(bins, of_cells, detection, neighbours, field, strength, state, cell)
         if (odds < -_DRAW) if state[cell] == 1 else (odds > _DRAW):
-            _flip(rows, bins, of_cells, detection, state, cell)
+            flip(rows, bins, of_cells, detection, state, cell)
             flips += 1
     return flips
