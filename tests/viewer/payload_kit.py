@@ -13,7 +13,7 @@ Cell = tuple[int, int]
 def parts_of(payload: bytes) -> tuple[dict[str, Any], dict[str, bytes]]:
     """The facts, and the sections by name, undone."""
     length = int.from_bytes(payload[:4], "little")
-    facts = json.loads(payload[4 : 4 + length])
+    facts = json.loads(zlib.decompress(payload[4 : 4 + length]))
     at, sections = 4 + length, {}
     for name, size in facts["sections"]:
         sections[name] = zlib.decompress(payload[at : at + size])

@@ -2,7 +2,7 @@
 """What the page of the viewer is given: facts as JSON, and arrays, in one piece.
 
     4 bytes     length of the header, little-endian
-    header      JSON: the facts, and `sections`: for each its name and its number of bytes
+    header      a zlib stream of JSON: the facts, and `sections`, for each its name and its length
     sections    each a zlib stream, one after the other
 
 Browsers undo zlib by themselves (`DecompressionStream("deflate")`). Numbers of more than one byte
@@ -61,5 +61,5 @@ def payload_of(facts: Mapping[str, Any], arrays: list[BytePlanes]) -> bytes:
     sections = {name: data for array in arrays for name, data in array.sections().items()}
     sizes = [[name, len(data)] for name, data in sections.items()]
     header = json.dumps({**facts, "sections": sizes}, separators=(",", ":"), allow_nan=False)
-    text = header.encode()
+    text = zlib.compress(header.encode())
     return b"".join([len(text).to_bytes(4, "little"), text, *sections.values()])

@@ -17,6 +17,8 @@ from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 from oddsmap.limits import in_metres
+from oddsmap.posterior.calibrated import Calibrated
+from oddsmap.posterior.count_model import LOG_MISS, LOG_REFLECT, occupied_at
 from oddsmap.viewer.payload import BytePlanes, payload_of
 
 __all__ = ["TILE", "plane_payload"]
@@ -89,6 +91,7 @@ def plane_payload(evidence: Evidence, name: str) -> bytes:
         "prior": evidence.config.posterior.prior,
         "free": evidence.config.posterior.thresholds.free,
         "occupied": evidence.config.posterior.thresholds.occupied,
+        "calibrated": _model(evidence),
     }
     return payload_of(facts, [coords, hits, passes])
 
@@ -123,3 +126,18 @@ def _sources(evidence: Evidence) -> list[dict[str, Any]]:
         {"source": entry.get("source"), "scans": entry.get("scans")}
         for entry in evidence.provenance
     ]
+
+
+def _model(evidence: Evidence) -> dict[str, Any] | None:
+    """What `Calibrated` is fitted to this map; None under wide beams, where counts say little."""
+    if evidence.sensor.kind == "cone":
+        return None
+    fitted = Calibrated(evidence)
+    return {
+        "log_reflect": LOG_REFLECT.tolist(),
+        "log_miss": LOG_MISS.tolist(),
+        "occupied": occupied_at().tolist(),
+        "distributions": fitted.model.distributions,
+        "share": fitted.model.occupied_share,
+        "beta": [fitted.reflectivity.a, fitted.reflectivity.b],
+    }
