@@ -226,12 +226,18 @@ function widths(): Float32Array<ArrayBuffer> {
   const weight = (i: number): number => Math.exp(first + ((last - first) * i) / (side - 1));
   for (let i = 0; i < side; i++) {
     for (let j = 0; j <= i; j++) {
-      const [low, high] = betaInterval(weight(i), weight(j), LEVEL, 32);
       // The interval of Beta(b, a) is that of Beta(a, b), seen in a mirror.
-      values[j * side + i] = values[i * side + j] = Math.log(Math.max(high - low, 1e-30));
+      values[j * side + i] = values[i * side + j] = Math.log(width(weight(i), weight(j)));
     }
   }
   return values;
+}
+
+/** The width to a thousandth, for colours; of heavy weights that of the normal distribution. */
+function width(a: number, b: number): number {
+  if (Math.min(a, b) > 200) return 2 * 1.959964 * Math.sqrt((a * b) / (a + b + 1)) / (a + b);
+  const [low, high] = betaInterval(a, b, LEVEL, 24);
+  return Math.max(high - low, 1e-30);
 }
 
 function table(model: CountModel): Float32Array<ArrayBuffer> {

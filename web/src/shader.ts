@@ -139,7 +139,7 @@ void main() {
   }
   float value = most >= 0.5 || seen == 0.0 ? most : sum / seen;
   if (u_probe) {
-    uint bits = uint(value * 16777215.0 + 0.5);
+    uint bits = min(uint(value * 16777215.0 + 0.5), 16777215u);
     o_colour = vec4(float(bits >> 16u), float((bits >> 8u) & 255u), float(bits & 255u), seen > 0.0 ? 255.0 : 0.0) / 255.0;
     return;
   }

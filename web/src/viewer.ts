@@ -60,12 +60,13 @@ export class Viewer {
     this.schedule();
   }
 
-  /** The value that the graphics card works out for a cell, and Python's formula; see tests. */
-  probe(level: number, x: number, y: number): { shown: number | null; exact: number; votes: [number, number] } {
-    const votes = votesAt(this.pyramid, this.pyramid.levels[level]!, x, y);
-    const shown = this.layer.probe(this.store.value, this.palette(), level, x, y);
-    this.schedule();
-    return { shown, exact: valueOf(this.facts, this.store.value, ...votes), votes };
+  /** Of cells of a level: the value that is drawn, the one that is said, and the votes; for tests. */
+  probe(level: number, cells: [number, number][]): { shown: number | null; exact: number; votes: [number, number] }[] {
+    return cells.map(([x, y]) => {
+      const votes = votesAt(this.pyramid, this.pyramid.levels[level]!, x, y);
+      const shown = this.layer.probe(this.store.value, this.palette(), level, x, y);
+      return { shown, exact: valueOf(this.facts, this.store.value, ...votes), votes };
+    });
   }
 
   get stats(): { draws: number; uploaded: number } {
