@@ -2,7 +2,7 @@
 // The page: its data stand in it, or come from the server that it came from.
 
 import "./style.css";
-import { bytesOfBase64, readPayload } from "./payload";
+import { bytesOfText, readPayload } from "./payload";
 import { mount, type Viewer } from "./viewer";
 
 declare global {
@@ -13,7 +13,7 @@ declare global {
 async function load(): Promise<Uint8Array<ArrayBuffer>> {
   const inPage = document.getElementById("payload");
   if (inPage) {
-    const bytes = bytesOfBase64(inPage.textContent ?? "");
+    const bytes = bytesOfText(inPage.textContent ?? "", Number(inPage.dataset.bytes));
     inPage.remove(); // the text is not needed any more, and takes more than the map
     return bytes;
   }

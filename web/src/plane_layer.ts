@@ -147,7 +147,8 @@ export class PlaneLayer {
       set.clamped ? logit(set.clampLow) : -NO_CLAMP,
       set.clamped ? logit(set.clampHigh) : NO_CLAMP,
     );
-    gl.uniform2f(program.at("u_beta"), set.betaA, set.betaB);
+    const fitted = set.posterior === "calibrated" ? this.facts.calibrated?.beta : undefined;
+    gl.uniform2f(program.at("u_beta"), fitted?.[0] ?? set.betaA, fitted?.[1] ?? set.betaB);
     gl.uniform2f(program.at("u_thresholds"), set.free, set.occupied);
     gl.uniform3fv(program.at(`u_ramp`), palette.ramp.flat(), 0, 3 * STOPS);
     gl.uniform3f(program.at("u_unknown"), ...palette.unknown);

@@ -51,16 +51,17 @@ uniform float u_share;       // log odds of the share of occupied cells that the
 
 out vec4 o_colour;
 
-vec2 votes(ivec2 cell) {
-  ivec2 size = textureSize(u_table, 0);
+// Where the counts of a cell are, and in which layer: -1 where there are none.
+ivec3 texel_of(ivec2 cell) {
   ivec2 place = cell / u_tile;
-  if (any(lessThan(cell, ivec2(0))) || any(greaterThanEqual(place, size))) return vec2(0.0);
+  if (any(lessThan(cell, ivec2(0))) || any(greaterThanEqual(place, textureSize(u_table, 0)))) {
+    return ivec3(-1);
+  }
   int number = int(texelFetch(u_table, place, 0).r) - 1;
-  if (number < 0) return vec2(0.0);
+  if (number < 0) return ivec3(-1);
   int row = number / u_across;
   ivec2 corner = ivec2(number % u_across, row % u_across) * u_tile;
-  ivec3 at = ivec3(corner + cell - place * u_tile, row / u_across);
-  return vec2(texelFetch(u_counts, at, 0).rg) * u_unit;
+  return ivec3(corner + cell - place * u_tile, row / u_across);
 }
 
 float sigmoid(float x) {
@@ -112,6 +113,13 @@ float value_of(vec2 v) {
   return sigmoid(clamp(u_prior + evidence, u_clamp.x, u_clamp.y));
 }
 
+// What tells the most occupied of some cells: of log odds and of reflectivities it does exactly, and
+// the calibrated posterior is theirs by reflectivity, too.
+float score_of(vec2 v) {
+  if (u_posterior == ${POSTERIORS["log-odds"]}) return dot(u_rates, v);
+  return (u_beta.x + v.x) / (u_beta.x + u_beta.y + v.x + v.y);
+}
+
 vec3 ramp(float value) {
   float place = clamp(value, 0.0, 1.0) * ${STOPS - 1}.0;
   int below = min(int(place), ${STOPS - 2});
@@ -121,23 +129,31 @@ vec3 ramp(float value) {
 void main() {
   vec2 from_middle = (gl_FragCoord.xy - u_middle) * u_scale + u_within;
   ivec2 cell = u_cell + ivec2(floor(from_middle));
-  float most = 0.0;
-  float sum = 0.0;
-  float seen = 0.0;
   // Of many cells the most occupied one where it is rather occupied than free, else their mean: so
-  // no wall is lost between pixels.
+  // no wall is lost between pixels. All of them lie in one tile.
   ivec2 corner = cell - (cell & ivec2(u_block - 1));
-  for (int y = 0; y < u_block; y++) {
-    for (int x = 0; x < u_block; x++) {
-      vec2 v = votes(corner + ivec2(x, y));
-      if (v.x + v.y <= 0.0) continue;
-      float value = value_of(v);
-      most = max(most, value);
-      sum += value;
-      seen += 1.0;
+  ivec3 first = texel_of(corner);
+  vec2 most = vec2(0.0);
+  vec2 sum = vec2(0.0);
+  float best = -1e38;
+  float seen = 0.0;
+  if (first.z >= 0) {
+    for (int y = 0; y < u_block; y++) {
+      for (int x = 0; x < u_block; x++) {
+        vec2 v = vec2(texelFetch(u_counts, first + ivec3(x, y, 0), 0).rg) * u_unit;
+        if (v.x + v.y <= 0.0) continue;
+        float score = score_of(v);
+        if (score > best) {
+          best = score;
+          most = v;
+        }
+        sum += v;
+        seen += 1.0;
+      }
     }
   }
-  float value = most >= 0.5 || seen == 0.0 ? most : sum / seen;
+  float value = value_of(most);
+  if (seen > 1.0 && value < 0.5) value = value_of(sum / seen);
   if (u_probe) {
     uint bits = min(uint(value * 16777215.0 + 0.5), 16777215u);
     o_colour = vec4(float(bits >> 16u), float((bits >> 8u) & 255u), float(bits & 255u), seen > 0.0 ? 255.0 : 0.0) / 255.0;

@@ -12,6 +12,8 @@ import hashlib
 import html
 from importlib.resources import files
 
+from oddsmap.viewer.text import text_of
+
 __all__ = ["SERVED_POLICY", "page_part", "served_page", "single_page"]
 
 # An empty icon stands in the page, so that no browser asks for one.
@@ -74,12 +76,12 @@ def single_page(title: str, payload: bytes) -> str:
     style, script = (page_part(f"viewer.{kind}").decode() for kind in ("css", "js"))
     # The end of an element is looked for in its text, whatever else that is.
     script = script.replace("</script", "<\\/script")
-    data = base64.b64encode(payload).decode()
     return _filled(
         title,
         policy=f"{_COMMON}; script-src {_hash(script)}; style-src {_hash(style)}",
         style=f"<style>{style}</style>",
-        data=f'<script type="text/plain" id="payload">{data}</script>\n',
+        data=f'<script type="text/plain" id="payload" data-bytes="{len(payload)}">'
+        f"{text_of(payload)}</script>\n",
         script=f"<script>{script}</script>",
     )
 
