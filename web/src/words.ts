@@ -10,7 +10,7 @@ const MINUS = "\u2212";
 
 /** A number in few digits, as people write it. */
 export function short(value: number, digits = 3): string {
-  const text = Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-4)
+  const text = Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-6)
     ? value.toExponential(digits - 1)
     : String(Number(value.toPrecision(digits)));
   return text.replace("-", MINUS);
@@ -21,6 +21,13 @@ export function chance(p: number): string {
   const rest = Math.min(p, 1 - p);
   if (rest < 1e-6) return p < 0.5 ? "below 0.000001" : "above 0.999999";
   return `= ${p.toFixed(Math.min(Math.max(3, 1 - Math.floor(Math.log10(rest))), 7))}`;
+}
+
+/** A share, in three digits of what it is or of what it lacks. */
+function share(p: number): string {
+  const rest = Math.min(p, 1 - p);
+  if (rest < 1e-6) return p < 0.5 ? "0" : "1";
+  return p < 0.9 ? short(p) : p.toFixed(2 - Math.floor(Math.log10(1 - p)));
 }
 
 /** A coordinate [m], to a tenth of a cell. */
@@ -65,7 +72,7 @@ export function describe(facts: PlaneFacts, set: Settings, cell: Cell): string[]
   const beta = (fitted?.[1] ?? set.betaB) + passes;
   const [low, high] = betaInterval(alpha, beta, LEVEL);
   lines.push(
-    `reflectivity ${short(alpha / (alpha + beta))}, ${100 * LEVEL} % interval ${short(low)} to ${short(high)}`,
+    `reflectivity ${share(alpha / (alpha + beta))}, ${100 * LEVEL} % interval ${share(low)} to ${share(high)}`,
   );
   return lines;
 }

@@ -121,11 +121,17 @@ def _places(evidence: Evidence) -> IntArray:
 
 
 def _sources(evidence: Evidence) -> list[dict[str, Any]]:
-    """What the map was made of: names of logs with their numbers of scans."""
-    return [
-        {"source": entry.get("source"), "scans": entry.get("scans")}
-        for entry in evidence.provenance
-    ]
+    """What the map was made of: names of logs with their numbers of scans, where they are known."""
+    found = []
+    for entry in evidence.provenance:
+        source, scans = entry.get("source"), entry.get("scans")
+        found.append(
+            {
+                "source": source if isinstance(source, str) else None,
+                "scans": scans if isinstance(scans, int) else None,
+            }
+        )
+    return found
 
 
 def _model(evidence: Evidence) -> dict[str, Any] | None:
