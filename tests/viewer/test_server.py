@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import http.client
+import socket
+import struct
 import threading
 from collections.abc import Iterator
 
@@ -134,3 +136,14 @@ def test_requests_are_not_reported(server: PageServer, capfd: pytest.CaptureFixt
     ask(server, f"/{secret(server)}/")
     ask(server, "/no")
     assert capfd.readouterr() == ("", "")
+
+
+def test_who_goes_away_is_not_reported(
+    server: PageServer, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_connection(("127.0.0.1", server.server_port)) as raw:
+        # Closed by a reset, in the middle of a request.
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        raw.sendall(b"GET / HT")
+    assert ask(server, "/")[0] == 404
+    assert capfd.readouterr().err == ""

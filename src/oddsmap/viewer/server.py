@@ -11,6 +11,7 @@ from __future__ import annotations
 import hmac
 import os
 import secrets
+import sys
 from collections.abc import Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -81,6 +82,11 @@ class PageServer(ThreadingHTTPServer):
         TCPServer.server_bind(self)
         self.server_name, self.server_port = _HOST, int(self.server_address[1])
 
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say what went wrong here, and nothing where a browser has only gone."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type]
+
     def resource(self, host: str | None, path: str) -> _Resource | HTTPStatus:
         """What a request gets.
 
@@ -128,8 +134,8 @@ class _Handler(BaseHTTPRequestHandler):
         if with_content:
             try:
                 self.wfile.write(found.content)
-            except (BrokenPipeError, ConnectionResetError):
-                self.close_connection = True  # the page was closed meanwhile
+            except OSError:
+                self.close_connection = True  # the page was closed meanwhile, or says nothing
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002
         """Requests are not reported: addresses hold the secret."""
