@@ -315,9 +315,29 @@ def test_thresholds_decide_colours(shown: Opened, office: tuple[EvidenceMap, Pat
     assert (states == 100).any()
 
 
-@pytest.mark.parametrize(
-    ("scheme", "width"), [("light", 900), ("dark", 900), ("light", 380)]
-)  # fmt: skip
+def test_why_nothing_is_shown(
+    browser: Browser, office: tuple[EvidenceMap, Path], tmp_path: Path
+) -> None:
+    grid, _ = office
+    payload = plane_payload(grid, "office.zarr")
+    for name, content, script, said in (
+        ("no_webgl", payload, "HTMLCanvasElement.prototype.getContext = () => null", "no WebGL 2"),
+        ("cut", payload[:-9000], "", "the data of the map are incomplete"),
+        ("cut_in_the_header", payload[:900], "", ""),
+    ):
+        path = tmp_path / f"{name}.html"
+        path.write_text(single_page("m", content), encoding="utf-8")
+        context = browser.new_context(offline=True)
+        page = context.new_page()
+        page.add_init_script(script)
+        page.goto(file_url(path))
+        text = page.get_by_role("alert").inner_text(timeout=5000)
+        assert text.startswith("The map cannot be shown: ")
+        assert said in text
+        context.close()
+
+
+@pytest.mark.parametrize(("scheme", "width"), [("light", 900), ("dark", 380)])
 def test_axe_finds_nothing(
     browser: Browser, office: tuple[EvidenceMap, Path], scheme: str, width: int
 ) -> None:
