@@ -46,3 +46,13 @@ export function texture(gl: WebGL2RenderingContext, target: number): WebGLTextur
   }
   return made;
 }
+
+/** A texture of one float a texel. */
+export function floats(
+  gl: WebGL2RenderingContext, width: number, height: number, values: Float32Array,
+): WebGLTexture {
+  const made = texture(gl, gl.TEXTURE_2D);
+  gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32F, width, height);
+  gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RED, gl.FLOAT, values);
+  return made;
+}

@@ -2,21 +2,19 @@
 // A 2D map on the graphics card: the counts of all levels as textures, uploaded once. A frame is one
 // draw call, and a slider uploads nothing.
 
-import { betaInterval } from "./beta";
 import type { Camera } from "./camera";
-import { type Palette, STOPS } from "./colours";
+import type { Palette } from "./colours";
 import { compile, type Program, texture } from "./gl";
-import type { CountModel, PlaneFacts } from "./payload";
-import { LEVEL, logit } from "./posterior";
+import type { PlaneFacts } from "./payload";
+import { fragmentShader, VERTEX } from "./plane_shader";
+import { PosteriorTables } from "./posterior_shader";
 import type { Level, Pyramid } from "./pyramid";
 import type { Settings } from "./settings";
-import { fragmentShader, MODEL, POSTERIORS, VERTEX, WIDTHS } from "./shader";
 
 /** Side of a layer of a texture: every graphics card has this, and some have no more than 8192. */
 const LARGEST_LAYER = 2048;
 /** From afar, at most 8 x 8 cells of the map are looked at for one on the screen. */
 const MOST_LOOKED_AT = 3;
-const NO_CLAMP = 1e30;
 
 interface OnCard {
   readonly counts: WebGLTexture;
@@ -47,21 +45,18 @@ export class PlaneLayer {
   readonly stats = { draws: 0, uploaded: 0 };
   private readonly programs = new Map<boolean, Program>();
   private readonly levels: OnCard[];
-  private readonly empty: WebGLTexture;
-  private readonly model: WebGLTexture | null;
-  private widths: WebGLTexture | null = null;
+  private readonly tables: PosteriorTables;
 
   constructor(
     private readonly gl: WebGL2RenderingContext,
-    private readonly facts: PlaneFacts,
+    facts: PlaneFacts,
     private readonly pyramid: Pyramid,
   ) {
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
     gl.bindVertexArray(gl.createVertexArray());
     this.levels = pyramid.levels.map((level) => this.upload(level));
-    this.empty = this.floats(1, 1, new Float32Array(1));
-    this.model = facts.calibrated ? this.floats(MODEL.values, MODEL.knots + 3, table(facts.calibrated)) : null;
+    this.tables = new PosteriorTables(gl, facts.calibrated, (bytes) => (this.stats.uploaded += bytes));
     const error = gl.getError();
     if (error === gl.OUT_OF_MEMORY) {
       throw new Error("the graphics card has no room for this map: show a part of it (oddsmap crop)");
@@ -123,37 +118,17 @@ export class PlaneLayer {
     let program = this.programs.get(whole);
     if (!program) this.programs.set(whole, (program = compile(gl, VERTEX, fragmentShader(whole))));
     gl.useProgram(program.handle);
-    if (set.posterior === "interval-width") this.widths ??= this.floats(WIDTHS.side, WIDTHS.side, widths());
-    const bound = [
-      ["u_counts", gl.TEXTURE_2D_ARRAY, counts],
-      ["u_table", gl.TEXTURE_2D, places],
-      ["u_widths", gl.TEXTURE_2D, this.widths ?? this.empty],
-      ["u_model", gl.TEXTURE_2D, this.model ?? this.empty],
-    ] as const;
-    bound.forEach(([name, target, made], unit) => {
-      gl.activeTexture(gl.TEXTURE0 + unit);
-      gl.bindTexture(target, made);
-      gl.uniform1i(program.at(name), unit);
-    });
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D_ARRAY, counts);
+    gl.uniform1i(program.at("u_counts"), 0);
+    gl.activeTexture(gl.TEXTURE1);
+    gl.bindTexture(gl.TEXTURE_2D, places);
+    gl.uniform1i(program.at("u_table"), 1);
+    this.tables.use(program, 2, set, palette);
     gl.uniform1f(program.at("u_unit"), whole ? this.pyramid.unit : 1);
     gl.uniform1i(program.at("u_tile"), this.pyramid.tile);
     gl.uniform1i(program.at("u_across"), across);
-    gl.uniform1i(program.at("u_posterior"), POSTERIORS[set.posterior]);
-    gl.uniform1i(program.at("u_states"), set.colours === "states" ? 1 : 0);
-    gl.uniform1f(program.at("u_prior"), logit(set.posterior === "calibrated" ? set.fittedPrior : set.prior));
-    gl.uniform2f(program.at("u_rates"), logit(set.pHit), logit(set.pMiss));
-    gl.uniform2f(
-      program.at("u_clamp"),
-      set.clamped ? logit(set.clampLow) : -NO_CLAMP,
-      set.clamped ? logit(set.clampHigh) : NO_CLAMP,
-    );
-    const fitted = set.posterior === "calibrated" ? this.facts.calibrated?.beta : undefined;
-    gl.uniform2f(program.at("u_beta"), fitted?.[0] ?? set.betaA, fitted?.[1] ?? set.betaB);
-    gl.uniform2f(program.at("u_thresholds"), set.free, set.occupied);
-    gl.uniform3fv(program.at(`u_ramp`), palette.ramp.flat(), 0, 3 * STOPS);
     gl.uniform3f(program.at("u_unknown"), ...palette.unknown);
-    gl.uniform3f(program.at("u_undecided"), ...palette.undecided);
-    gl.uniform1f(program.at("u_share"), this.facts.calibrated ? logit(this.facts.calibrated.share) : 0);
     return program;
   }
 
@@ -209,38 +184,4 @@ export class PlaneLayer {
     this.stats.uploaded += level.table.byteLength;
     return { counts, table, whole, across };
   }
-
-  private floats(width: number, height: number, values: Float32Array<ArrayBuffer>): WebGLTexture {
-    const { gl } = this;
-    const made = texture(gl, gl.TEXTURE_2D);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R32F, width, height);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, height, gl.RED, gl.FLOAT, values);
-    this.stats.uploaded += values.byteLength;
-    return made;
-  }
-}
-
-/** Logarithms of the widths of credible intervals of Beta(a, b), a along a row. */
-function widths(): Float32Array<ArrayBuffer> {
-  const { side, first, last } = WIDTHS;
-  const values = new Float32Array(side * side);
-  const weight = (i: number): number => Math.exp(first + ((last - first) * i) / (side - 1));
-  for (let i = 0; i < side; i++) {
-    for (let j = 0; j <= i; j++) {
-      // The interval of Beta(b, a) is that of Beta(a, b), seen in a mirror.
-      values[j * side + i] = values[i * side + j] = Math.log(width(weight(i), weight(j)));
-    }
-  }
-  return values;
-}
-
-/** The width to a thousandth, for colours; of heavy weights that of the normal distribution. */
-function width(a: number, b: number): number {
-  if (Math.min(a, b) > 200) return 2 * 1.959964 * Math.sqrt((a * b) / (a + b + 1)) / (a + b);
-  const [low, high] = betaInterval(a, b, LEVEL, 24);
-  return Math.max(high - low, 1e-30);
-}
-
-function table(model: CountModel): Float32Array<ArrayBuffer> {
-  return new Float32Array([...model.distributions, model.log_reflect, model.log_miss, model.occupied].flat());
 }

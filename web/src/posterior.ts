@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The posteriors of one cell, in double precision: what is said of the cell under the cursor.
-// `shader.ts` has the same for every pixel.
+// `posterior_shader.ts` has the same for every pixel.
 
 import { betaInterval } from "./beta";
 import type { CountModel, PlaneFacts } from "./payload";
