@@ -42,7 +42,13 @@ export default defineConfig({
     emptyOutDir: true,
     target: "es2022",
     // One classic script: a module does not load from a file on the disk.
-    lib: { entry: "src/main.ts", formats: ["iife"], name: "oddsmapViewer", fileName: () => "viewer.js", cssFileName: "viewer" },
+    lib: {
+      entry: "src/main.ts",
+      formats: ["iife"],
+      name: "oddsmapViewer",
+      fileName: () => "viewer.js",
+      cssFileName: "viewer",
+    },
   },
   plugins: [record()],
 });

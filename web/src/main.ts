@@ -2,6 +2,7 @@
 // The page: its data stand in it, or come from the server that it came from.
 
 import "./style.css";
+import { element } from "./dom";
 import { bytesOfText, readPayload } from "./payload";
 import { mount, type Viewer } from "./viewer";
 
@@ -31,5 +32,5 @@ load()
   })
   .catch((error: unknown) => {
     const text = error instanceof Error ? error.message : String(error);
-    root.replaceChildren(Object.assign(document.createElement("p"), { className: "failure", role: "alert", textContent: `The map cannot be shown: ${text}` }));
+    root.replaceChildren(element("p", { class: "failure", role: "alert" }, `The map cannot be shown: ${text}`));
   });

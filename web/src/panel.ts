@@ -25,17 +25,30 @@ const GAP = 0.001;
 const isStates = (set: Settings): boolean => isProbability(set.posterior) && set.colours === "states";
 const isClamped = (set: Settings): boolean => isProbability(set.posterior) && set.clamped;
 const isBeta = (set: Settings): boolean => !isProbability(set.posterior);
+const isCalibrated = (set: Settings): boolean => set.posterior === "calibrated";
 const isLogOdds = (set: Settings): boolean => set.posterior === "log-odds";
 
 const SLIDERS: readonly Slider[] = [
   { name: "pHit", label: "p_hit, after a hit", lo: 0.5001, hi: 0.9999, of: isLogOdds, scale: "logit" },
   { name: "pMiss", label: "p_miss, after a pass", lo: 0.0001, hi: 0.4999, of: isLogOdds, scale: "logit" },
   { name: "prior", label: "prior", lo: 0.0001, hi: 0.9999, of: isLogOdds, scale: "logit" },
-  { name: "fittedPrior", label: "prior", lo: 0.0001, hi: 0.9999, of: (set) => set.posterior === "calibrated", scale: "logit" },
-  { name: "free", label: "free up to", lo: 0, hi: 1, of: isStates, scale: "linear", between: (set) => [0, set.occupied - GAP] },
-  { name: "occupied", label: "occupied from", lo: 0, hi: 1, of: isStates, scale: "linear", between: (set) => [set.free + GAP, 1] },
-  { name: "clampLow", label: "lowest probability", lo: 0.0001, hi: 0.9999, of: isClamped, scale: "logit", between: (set) => [0.0001, set.clampHigh - GAP] },
-  { name: "clampHigh", label: "highest probability", lo: 0.0001, hi: 0.9999, of: isClamped, scale: "logit", between: (set) => [set.clampLow + GAP, 0.9999] },
+  { name: "fittedPrior", label: "prior", lo: 0.0001, hi: 0.9999, of: isCalibrated, scale: "logit" },
+  {
+    name: "free", label: "free up to", lo: 0, hi: 1, of: isStates, scale: "linear",
+    between: (set) => [0, set.occupied - GAP],
+  },
+  {
+    name: "occupied", label: "occupied from", lo: 0, hi: 1, of: isStates, scale: "linear",
+    between: (set) => [set.free + GAP, 1],
+  },
+  {
+    name: "clampLow", label: "lowest probability", lo: 0.0001, hi: 0.9999, of: isClamped, scale: "logit",
+    between: (set) => [0.0001, set.clampHigh - GAP],
+  },
+  {
+    name: "clampHigh", label: "highest probability", lo: 0.0001, hi: 0.9999, of: isClamped, scale: "logit",
+    between: (set) => [set.clampLow + GAP, 0.9999],
+  },
   { name: "betaA", label: "prior hits [votes]", lo: 0.01, hi: 100, of: isBeta, scale: "log" },
   { name: "betaB", label: "prior passes [votes]", lo: 0.01, hi: 100, of: isBeta, scale: "log" },
 ];
@@ -62,19 +75,24 @@ export function panelOf(facts: PlaneFacts, store: Store): Panel {
     (value) => store.set({ fromAfar: value as Settings["fromAfar"] }));
   const clamped = element("input", { type: "checkbox", id: uniqueId() });
   clamped.addEventListener("change", () => store.set({ clamped: clamped.checked }));
-  const clamp = element("div", { class: "check" }, clamped, element("label", { for: clamped.id }, "Clamp probabilities"));
+  const clamp = element("div", { class: "check" }, clamped,
+    element("label", { for: clamped.id }, "Clamp probabilities"));
   const rows = SLIDERS.map((slider) => row(slider, store));
   const reset = element("button", { type: "button" }, "As the map has it");
   reset.addEventListener("click", () => store.set(settingsOf(facts)));
   const doubt = element("p", { class: "doubt", role: "status" });
   const legend = element("div", { class: "legend" });
-  const command = element("code", { tabindex: 0, role: "textbox", "aria-readonly": true, "aria-label": "Command that exports what is shown" });
+  const command = element("code", {
+    tabindex: 0, role: "textbox", "aria-readonly": true, "aria-label": "Command that exports what is shown",
+  });
   const copy = element("button", { type: "button" }, "Copy command");
   copy.addEventListener("click", () => void copied(command).then((done) => {
     copy.textContent = done ? "Copied" : "Select and copy it";
     setTimeout(() => (copy.textContent = "Copy command"), 2000);
   }));
-  const [fromClamp, beforeClamp] = [rows.slice(6), rows.slice(0, 6)];
+  // The box that switches the bounds on stands above them.
+  const first = SLIDERS.findIndex((slider) => slider.name === "clampLow");
+  const [beforeClamp, fromClamp] = [rows.slice(0, first), rows.slice(first)];
   const root = element("section", { class: "panel", "aria-label": "How the map is shown" },
     posterior.root, doubt, colours.root, ...beforeClamp.map((one) => one.root), clamp,
     ...fromClamp.map((one) => one.root), fromAfar.root, reset, legend,
@@ -176,10 +194,13 @@ function legendOf(set: Settings, palette: Palette): HTMLElement[] {
   }
   const bar = element("div", { class: "ramp" });
   bar.style.backgroundImage = `linear-gradient(to right, ${ramp.map(css).join(", ")})`;
-  const meaning = { "log-odds": "p(occupied)", calibrated: "p(occupied)", reflection: "mean reflectivity", "interval-width": "width of the 95 % interval" };
+  const meaning = {
+    "log-odds": "p(occupied)", calibrated: "p(occupied)", reflection: "mean reflectivity",
+    "interval-width": "width of the 95 % interval",
+  }[set.posterior];
+  const ends = ["0", meaning, "1"].map((text) => element("span", {}, text));
   return [
-    element("div", { class: "ramp-and-ends" }, bar,
-      element("div", { class: "ends" }, element("span", {}, "0"), element("span", {}, meaning[set.posterior]), element("span", {}, "1"))),
+    element("div", { class: "ramp-and-ends" }, bar, element("div", { class: "ends" }, ...ends)),
     unknown,
   ];
 }

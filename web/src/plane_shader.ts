@@ -74,7 +74,8 @@ void main() {
   if (seen > 1.0 && value < 0.5) value = value_of(sum / seen);
   if (u_probe) {
     uint bits = min(uint(value * 16777215.0 + 0.5), 16777215u);
-    o_colour = vec4(float(bits >> 16u), float((bits >> 8u) & 255u), float(bits & 255u), seen > 0.0 ? 255.0 : 0.0) / 255.0;
+    uvec3 bytes = uvec3(bits >> 16u, (bits >> 8u) & 255u, bits & 255u);
+    o_colour = vec4(vec3(bytes) / 255.0, seen > 0.0 ? 1.0 : 0.0);
     return;
   }
   o_colour = vec4((seen > 0.0 ? colour_of(value) : u_unknown) / 255.0, 1.0);

@@ -26,7 +26,8 @@ export class Viewer {
   private layer: PlaneLayer;
   private readonly canvas = element("canvas", {
     tabindex: 0, role: "application",
-    "aria-label": "Map. Arrow keys move it, with Shift by one cell; plus and minus zoom, 0 shows all of it. The cell in the middle is described.",
+    "aria-label": "Map. Arrow keys move it, with Shift by one cell; plus and minus zoom, 0 shows all of it. "
+      + "The cell in the middle is described.",
   });
   private readonly words = element("output", { class: "words" });
   private readonly position = element("div", { class: "position" });
@@ -47,7 +48,10 @@ export class Viewer {
     this.camera = new Camera({ lo: facts.lo, hi: facts.hi });
     this.panel = panelOf(facts, this.store);
     const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
-    if (!gl) throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or switch hardware acceleration on");
+    if (!gl) {
+      throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or "
+        + "switch hardware acceleration on");
+    }
     this.layer = new PlaneLayer(gl, facts, pyramid);
     root.replaceChildren(
       element("div", { class: "map" }, this.canvas, this.frame,
@@ -197,7 +201,9 @@ export class Viewer {
     if (this.frame.hidden) return;
     const left = ((cell.x * cell.factor - camera.x) / camera.scale + camera.width / 2) / ratio;
     const below = (((cell.y + 1) * cell.factor - camera.y) / camera.scale - camera.height / 2) / ratio;
-    Object.assign(this.frame.style, { width: `${side}px`, height: `${side}px`, transform: `translate(${left}px, ${-below}px)` });
+    Object.assign(this.frame.style, {
+      width: `${side}px`, height: `${side}px`, transform: `translate(${left}px, ${-below}px)`,
+    });
   }
 }
 
