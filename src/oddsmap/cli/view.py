@@ -66,12 +66,13 @@ def view(
             raise ConfigError("--port and --no-browser say how a map is served, -o writes a file")
         check_suffix(output, (".html", ".htm"), "a page has a name that ends in .html")
     check_files([source], output, force=force)
-    with working(f"reading {source.name}", quiet=voice.still):
-        payload = plane_payload(_opened(source), source.name)
+    name = source.name or source.resolve().name  # "." has none of its own
+    with working(f"reading {name}", quiet=voice.still):
+        payload = plane_payload(_opened(source), name)
     if output is None:
-        _serve(source.name, payload, port, browser, voice)
+        _serve(name, payload, port, browser, voice)
     else:
-        _write(source.name, payload, output, force)
+        _write(name, payload, output, force)
         voice.say(f"wrote    {output}")
 
 
