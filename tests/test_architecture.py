@@ -88,7 +88,7 @@ FLOORS = (
     ("__main__",),
     ("cli",),
     ("__init__",),
-    ("doctor", "scoring"),
+    ("doctor", "scoring", "viewer"),
     ("cleaning", "plausibility"),
     ("evidence_map",),
     ("full_map",),

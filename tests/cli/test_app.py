@@ -17,7 +17,7 @@ from oddsmap.cli.app import app
 from tests.cli.conftest import Run
 
 COMMANDS = (
-    "build", "export", "info", "doctor", "config", "calibrate", "score", "why", "merge",
+    "build", "view", "export", "info", "doctor", "config", "calibrate", "score", "why", "merge",
     "subtract", "crop", "rotate-frame", "compare", "resample", "clean", "landmarks", "demo",
     "costmap",
 )  # fmt: skip

@@ -18,7 +18,7 @@ from tests.cli.conftest import Run
 def there(tmp_path: Path) -> Path:
     """A folder with outputs of each kind that exist, and with inputs."""
     (tmp_path / "m.zarr").mkdir()
-    for name in ("m.png", "m.npz", "m.toml", "m.csv", "m.ot"):
+    for name in ("m.png", "m.npz", "m.toml", "m.csv", "m.ot", "m.html"):
         (tmp_path / name).write_text("x")
     (tmp_path / "seen.csv").write_text("x,y,theta,range,bearing,id\n0,0,0,1,0,1\n")
     np.savez(tmp_path / "hall.npz", beams=np.array([[0.0, 0.0, 0.0, 1.0]]))
@@ -61,6 +61,11 @@ ORDER: dict[str, list[Mistake]] = {
         ("gate", ["--gate", "2"], []),
         ("the suffix says what to write", ["-o", "m.cvs"], ["-o", "m.csv"]),
         ("gone.csv: no such file", ["gone.csv"], ["seen.csv"]),
+    ],
+    "view": [
+        ("--port and --no-browser say how a map is served", ["--port", "80"], []),
+        ("a page has a name that ends in .html", ["-o", "m.htlm"], ["-o", "m.html"]),
+        ("gone.zarr: no such file", ["gone.zarr"], ["m.zarr"]),
     ],
     "export": [
         ("--level belongs to --posterior reflection or decay", ["--level", "0.5"], []),

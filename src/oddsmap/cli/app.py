@@ -44,6 +44,8 @@ from oddsmap.cli.score import HELP as SCORE_HELP
 from oddsmap.cli.score import score
 from oddsmap.cli.subtract import HELP as SUBTRACT_HELP
 from oddsmap.cli.subtract import subtract
+from oddsmap.cli.view import HELP as VIEW_HELP
+from oddsmap.cli.view import view
 from oddsmap.cli.why import HELP as WHY_HELP
 from oddsmap.cli.why import why
 from oddsmap.errors import OddsmapError
@@ -58,6 +60,7 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
   oddsmap doctor run.bag                what is wrong with a log
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
                                         log to map
+  oddsmap view intel.zarr               look at it, tune it
   oddsmap export intel.zarr intel.yaml  map to ROS; also .png and .npz
   oddsmap costmap intel.zarr costs.yaml --inscribed-radius 0.22
                                         costs for Nav2's planners
@@ -87,6 +90,7 @@ app = typer.Typer(
 )
 for command, page in (
     (build, BUILD_HELP),
+    (view, VIEW_HELP),
     (export, EXPORT_HELP),
     (costmap, COSTMAP_HELP),
     (info, INFO_HELP),

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The page of `oddsmap view`: how large, how long to write, to open and to retune.
+
+    python benchmarks/viewer.py --data ../shared/data      # needs Chromium and the dev extra
+
+Printed for each map: bytes of the file's data over those of the saved map, CPU seconds to make the
+file; then what the browser takes, in software if there is no graphics card: seconds until the map
+can be used, seconds from a slider to the new picture (the median of five), milliseconds of the
+page's own program in a frame. The last map is 4000 x 4000 cells of noise, which hardly compresses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "src")]
+
+from oddsmap import EvidenceMap, build_map, open_log
+from oddsmap.kernels.units import ONE
+from oddsmap.viewer.document import page_part, single_page
+from oddsmap.viewer.plane import plane_payload
+from oddsmap.viewer.text import text_of
+from tests.viewer.browser_kit import chromium, file_url, opened
+
+LOGS = ("intel-corrected", "freiburg-079-corrected")
+SIDE = 4000
+
+
+def noise() -> EvidenceMap:
+    """Walls every 10 m, and Poisson counts."""
+    grid, rng = EvidenceMap(0.05), np.random.default_rng(0)
+    for first in range(0, SIDE, 500):
+        y, x = np.mgrid[first : first + 500, 0:SIDE].reshape(2, -1)
+        wall = (x % 200 < 2) | (y % 300 < 2)
+        hits = np.where(wall, rng.poisson(30, x.shape), rng.poisson(0.01, x.shape))
+        passes = rng.poisson((20 + 15 * np.sin(x / 90) * np.cos(y / 70)) / np.where(wall, 5, 1))
+        grid.add_cells(np.stack([x, y], axis=1), hits * ONE, passes * ONE)
+    return grid
+
+
+def maps(data: Path) -> Iterator[tuple[str, EvidenceMap]]:
+    """Real logs at 0.05 m, and noise."""
+    for name in LOGS:
+        yield name, build_map(open_log(data / "laser2d" / f"{name}.log.gz"), 0.05)
+    yield "noise", noise()
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, required=True, help="the folder of real logs")
+    data = parser.parse_args().data
+    code = sum(len(page_part(f"viewer.{kind}")) for kind in ("js", "css"))
+    print(f"code {code / 1e3:.0f} kB")
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
+        for name, grid in maps(data):
+            saved, page = Path(folder) / f"{name}.zarr", Path(folder) / f"{name}.html"
+            grid.save(saved)
+            size = sum(file.stat().st_size for file in saved.rglob("*") if file.is_file())
+            begun = time.process_time()
+            payload = plane_payload(grid, saved.name)
+            page.write_text(single_page(saved.name, payload), encoding="utf-8")
+            spent, share = time.process_time() - begun, len(text_of(payload)) / size
+            print(f"{name}: {share:.2f} of the saved map, {spent:.2f} s of CPU to write")
+            begun = time.perf_counter()
+            with opened(browser, file_url(page), viewport={"width": 1280, "height": 800}) as found:
+                found.page.screenshot()
+                there = time.perf_counter() - begun
+                moved, frames = [], []
+                for p_hit in (0.75, 0.8, 0.85, 0.9, 0.95):
+                    begun = time.perf_counter()
+                    found.set(pHit=p_hit)
+                    found.words()
+                    frames.append(found.get("oddsmap.frameTime"))
+                    found.page.screenshot()
+                    moved.append(time.perf_counter() - begun)
+                slow, own = statistics.median(moved), statistics.median(frames)
+                print(f"  open {there:.1f} s, slider {slow:.2f} s, own program {own:.1f} ms")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A server of one page on this machine, for whoever knows its address.
+
+It listens on the loopback alone. Other users of the machine, and pages of other sites in the same
+browser, can reach that too; so the address holds a secret, and a request has to name this very
+host. What it gives is in memory: no path of a request ever becomes the path of a file.
+"""
+
+from __future__ import annotations
+
+import hmac
+import os
+import secrets
+import sys
+from collections.abc import Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from socketserver import TCPServer
+from typing import NamedTuple
+
+from oddsmap.errors import InputError
+from oddsmap.viewer.document import SERVED_POLICY, page_part, served_page
+
+__all__ = ["PageServer"]
+
+_HOST = "127.0.0.1"
+_HEADERS = {
+    "Content-Security-Policy": SERVED_POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+class _Resource(NamedTuple):
+    kind: str
+    content: bytes
+
+
+class PageServer(ThreadingHTTPServer):
+    """Serves the page of a map; `serve_forever` runs it, `server_close` ends it.
+
+    Args:
+        title: of the page.
+        payload: see `oddsmap.viewer.payload`.
+        port: 0: any that is free.
+
+    Attributes:
+        url: where the page is.
+
+    Raises:
+        InputError: the port cannot be had.
+    """
+
+    daemon_threads = True
+    # A port that was left a moment ago is free, but on Windows that would also mean one in use.
+    allow_reuse_address = os.name == "posix"
+
+    def __init__(self, title: str, payload: bytes, *, port: int = 0) -> None:
+        try:
+            super().__init__((_HOST, port), _Handler)
+        except OSError as error:
+            raise InputError(
+                f"port {port} on {_HOST}: cannot be listened on ({error.strerror or error}); give "
+                "another one, or none"
+            ) from None
+        self._secret = secrets.token_urlsafe(24)
+        text = "text/{}; charset=utf-8".format
+        self._resources: Mapping[str, _Resource] = {
+            "": _Resource(text("html"), served_page(title).encode()),
+            "viewer.css": _Resource(text("css"), page_part("viewer.css")),
+            "viewer.js": _Resource(text("javascript"), page_part("viewer.js")),
+            "map.bin": _Resource("application/octet-stream", payload),
+        }
+        self.url = f"http://{_HOST}:{self.server_port}/{self._secret}/"
+
+    def server_bind(self) -> None:
+        """Without asking for the name of the machine, which may take seconds."""
+        TCPServer.server_bind(self)
+        self.server_name, self.server_port = _HOST, int(self.server_address[1])
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say what went wrong here, and nothing where a browser has only gone."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)  # type: ignore[arg-type]
+
+    def resource(self, host: str | None, path: str) -> _Resource | HTTPStatus:
+        """What a request gets.
+
+        Args:
+            host: its header of that name.
+            path: as the request has it; what is not the name of a resource, letter by letter, is
+                none.
+        """
+        # A site whose name is made to lead to this machine sends its own name here.
+        if host not in (f"{_HOST}:{self.server_port}", f"localhost:{self.server_port}"):
+            return HTTPStatus.MISDIRECTED_REQUEST
+        secret, slash, name = path.removeprefix("/").partition("/")
+        known = hmac.compare_digest(secret.encode(), self._secret.encode())
+        if not (known and slash) or name not in self._resources:
+            return HTTPStatus.NOT_FOUND
+        return self._resources[name]
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: PageServer
+    server_version = "oddsmap"
+    sys_version = ""
+    protocol_version = "HTTP/1.1"
+    # A connection that says nothing is closed [s].
+    timeout = 30
+
+    def do_GET(self) -> None:
+        self._answer(with_content=True)
+
+    def do_HEAD(self) -> None:
+        self._answer(with_content=False)
+
+    def _answer(self, *, with_content: bool) -> None:
+        given = self.server.resource(self.headers.get("Host"), self.path)
+        if isinstance(given, HTTPStatus):
+            status, found = given, _Resource("text/plain", f"{given.phrase}\n".encode())
+        else:
+            status, found = HTTPStatus.OK, given
+        self.send_response(status)
+        self.send_header("Content-Type", found.kind)
+        self.send_header("Content-Length", str(len(found.content)))
+        for name, value in _HEADERS.items():
+            self.send_header(name, value)
+        self.end_headers()
+        if with_content:
+            try:
+                self.wfile.write(found.content)
+            except OSError:
+                self.close_connection = True  # the page was closed meanwhile, or says nothing
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+        """Requests are not reported: addresses hold the secret."""

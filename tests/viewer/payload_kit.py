@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The payload of the viewer's page, read slowly: number by number, byte by byte."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from typing import Any
+
+Cell = tuple[int, int]
+
+
+def parts_of(payload: bytes) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """The facts, and the sections by name, undone."""
+    length = int.from_bytes(payload[:4], "little")
+    facts = json.loads(zlib.decompress(payload[4 : 4 + length]))
+    at, sections = 4 + length, {}
+    for name, size in facts["sections"]:
+        sections[name] = zlib.decompress(payload[at : at + size])
+        at += size
+    assert at == len(payload)
+    return facts, sections
+
+
+def numbers_of(sections: dict[str, bytes], name: str, size: int) -> list[int]:
+    """The numbers of an array: its planes of bytes put together."""
+    planes = [sections[f"{name}.{i}"] for i in range(size)]
+    return [int.from_bytes(bytes(word), "little") for word in zip(*planes, strict=True)]
+
+
+def cells_of(payload: bytes) -> dict[Cell, tuple[float, float]]:
+    """Hits and passes [votes] of each cell that has any."""
+    facts, sections = parts_of(payload)
+    assert facts["kind"] == "plane"
+    side, size, unit = facts["tile"], facts["bytes"], facts["unit"]
+    coords = numbers_of(sections, "coords", 4)
+    hits, passes = (numbers_of(sections, name, size) for name in ("hits", "passes"))
+    assert len(hits) == len(passes) == facts["tiles"] * side * side
+    found: dict[Cell, tuple[float, float]] = {}
+    for at, pair in enumerate(zip(hits, passes, strict=True)):
+        if pair == (0, 0):
+            continue
+        tile, within = divmod(at, side * side)
+        y, x = divmod(within, side)
+        cell = (
+            facts["first_cell"][0] + coords[2 * tile] * side + x,
+            facts["first_cell"][1] + coords[2 * tile + 1] * side + y,
+        )
+        found[cell] = (pair[0] * unit, pair[1] * unit)
+    return found

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+// The viewer: a map, what is said of the cell that is pointed at, and the panel beside it.
+
+import { Camera } from "./camera";
+import { paletteOf, type Palette } from "./colours";
+import { element } from "./dom";
+import { listen } from "./input";
+import { panelOf } from "./panel";
+import type { Payload, PlaneFacts } from "./payload";
+import { PlaneLayer, shownAt } from "./plane_layer";
+import { valueOf } from "./posterior";
+import { pyramidOf, type Pyramid, votesAt } from "./pyramid";
+import { lengthInWords, roundLength } from "./scale_bar";
+import { settingsOf, Store } from "./settings";
+import { type Cell, count, describe, metres, short } from "./words";
+
+const SCALE_BAR = 140;
+/** A cell is framed where it is at least so large [pixels of the page]. */
+const FRAMED_FROM = 5;
+
+export class Viewer {
+  readonly camera: Camera;
+  readonly store: Store;
+  /** Milliseconds of this program in the last frame. */
+  frameTime = 0;
+  private layer: PlaneLayer;
+  private readonly canvas = element("canvas", {
+    tabindex: 0, role: "application",
+    "aria-label": "Map. Arrow keys move it, with Shift by one cell; plus and minus zoom, 0 shows all of it. "
+      + "The cell in the middle is described.",
+  });
+  private readonly words = element("output", { class: "words" });
+  private readonly position = element("div", { class: "position" });
+  private readonly bar = element("div", { class: "scale-bar" });
+  private readonly frame = element("div", { class: "frame", "aria-hidden": true, hidden: true });
+  private readonly panel;
+  private readonly dark = matchMedia("(prefers-color-scheme: dark)");
+  private pointer: readonly [number, number] | null = null;
+  private byKeys = false;
+  private due = false;
+
+  constructor(
+    private readonly root: HTMLElement,
+    readonly facts: PlaneFacts,
+    readonly pyramid: Pyramid,
+  ) {
+    this.store = new Store(settingsOf(facts));
+    this.camera = new Camera({ lo: facts.lo, hi: facts.hi });
+    this.panel = panelOf(facts, this.store);
+    const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
+    if (!gl) {
+      throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or "
+        + "switch hardware acceleration on");
+    }
+    this.layer = new PlaneLayer(gl, facts, pyramid);
+    root.replaceChildren(
+      element("div", { class: "map" }, this.canvas, this.frame,
+        element("div", { class: "readout" }, this.position, this.words), this.bar),
+      element("div", { class: "side" }, this.heading(), this.panel.root),
+    );
+    this.listen(gl);
+    this.resize();
+    this.camera.fit();
+    this.schedule();
+  }
+
+  /** Of cells of a level: the value that is drawn, the one that is said, and the votes; for tests. */
+  probe(level: number, cells: [number, number][]): { shown: number | null; exact: number; votes: [number, number] }[] {
+    return cells.map(([x, y]) => {
+      const votes = votesAt(this.pyramid, this.pyramid.levels[level]!, x, y);
+      const shown = this.layer.probe(this.store.value, this.palette(), level, x, y);
+      return { shown, exact: valueOf(this.facts, this.store.value, ...votes), votes };
+    });
+  }
+
+  get stats(): { draws: number; uploaded: number } {
+    return this.layer.stats;
+  }
+
+  private heading(): HTMLElement {
+    const { facts } = this;
+    const from = facts.sources.map(({ source, scans }) =>
+      [source ?? "scans without a file", scans === null ? "" : `${count(scans)} scans`].filter(Boolean).join(", "));
+    const shown = from.length > 3 ? [...from.slice(0, 3), `${from.length - 3} more`] : from;
+    const theme = element("button", { type: "button", class: "theme" });
+    const named = { auto: "Colours as the system has them", light: "Light", dark: "Dark" };
+    const next = { auto: "light", light: "dark", dark: "auto" } as const;
+    const apply = (value: keyof typeof named): void => {
+      this.root.dataset.theme = value;
+      theme.textContent = { auto: "Auto", light: "Light", dark: "Dark" }[value];
+      theme.setAttribute("aria-label", `${theme.textContent}: ${named[value]}. Change`);
+      theme.onclick = () => apply(next[value]);
+      this.changed();
+    };
+    apply("auto");
+    return element("header", {},
+      element("div", { class: "title" }, element("h1", {}, facts.name), theme),
+      element("p", {}, `${count(facts.cells)} known cells of ${short(facts.resolution)} m`,
+        ...shown.flatMap((line) => [element("br"), line])));
+  }
+
+  private listen(gl: WebGL2RenderingContext): void {
+    listen(this.canvas, this.camera, {
+      moved: () => this.schedule(),
+      pointed: (at) => {
+        this.pointer = at;
+        this.byKeys = false;
+        this.schedule();
+      },
+      keyed: () => {
+        this.byKeys = true;
+        this.schedule();
+      },
+    });
+    this.canvas.addEventListener("blur", () => {
+      this.byKeys = false;
+      this.schedule();
+    });
+    this.store.listen(() => this.changed());
+    this.dark.addEventListener("change", () => this.changed());
+    new ResizeObserver(() => this.resize()).observe(this.canvas);
+    this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    this.canvas.addEventListener("webglcontextrestored", () => {
+      this.layer = new PlaneLayer(gl, this.facts, this.pyramid);
+      this.schedule();
+    });
+  }
+
+  private palette(): Palette {
+    const { theme } = this.root.dataset;
+    return paletteOf(this.store.value, theme === "dark" || (theme !== "light" && this.dark.matches));
+  }
+
+  private changed(): void {
+    this.panel.update(this.palette());
+    this.schedule();
+  }
+
+  private resize(): void {
+    const ratio = devicePixelRatio;
+    const width = Math.round(this.canvas.clientWidth * ratio);
+    const height = Math.round(this.canvas.clientHeight * ratio);
+    if (width === 0 || height === 0) return;
+    // Whoever looks at the whole map goes on doing so.
+    const whole = this.camera.isFitted();
+    Object.assign(this.canvas, { width, height });
+    this.camera.resize(width, height);
+    if (whole) this.camera.fit();
+    this.schedule();
+  }
+
+  private schedule(): void {
+    if (this.due) return;
+    this.due = true;
+    requestAnimationFrame(() => {
+      this.due = false;
+      const begun = performance.now();
+      this.layer.draw(this.camera, this.store.value, this.palette());
+      this.describe();
+      this.frameTime = performance.now() - begun;
+    });
+  }
+
+  /** Say where the pointer is, what is there, and how long things are. */
+  private describe(): void {
+    const { camera, facts } = this;
+    const ratio = this.canvas.width / Math.max(this.canvas.clientWidth, 1);
+    const inPixel = camera.scale * ratio * facts.resolution;
+    const length = roundLength(inPixel, SCALE_BAR);
+    this.bar.textContent = lengthInWords(length);
+    this.bar.style.width = `${length / inPixel}px`;
+    const at = this.byKeys ? ([camera.width / 2, camera.height / 2] as const) : this.pointer;
+    this.words.setAttribute("aria-live", this.byKeys ? "polite" : "off");
+    if (!at) {
+      this.position.textContent = "";
+      this.words.replaceChildren("Point at a cell to see what is known of it.");
+      this.frame.hidden = true;
+      return;
+    }
+    const [x, y] = camera.at(...at);
+    this.position.textContent =
+      `x ${metres(x * facts.resolution, facts.resolution)} m, y ${metres(y * facts.resolution, facts.resolution)} m`;
+    const cell = this.cellAt(x, y);
+    this.words.replaceChildren(...describe(facts, this.store.value, cell).map((line) => element("div", {}, line)));
+    this.frameAround(cell, ratio);
+  }
+
+  /** The cell that is shown at a place; where walls are kept from afar, the one of the map itself. */
+  private cellAt(x: number, y: number): Cell {
+    const shown = shownAt(this.pyramid, this.store.value, this.camera.scale);
+    const level = this.pyramid.levels[shown.block > 1 ? 0 : shown.level]!;
+    const [column, row] = [Math.floor(x / level.factor), Math.floor(y / level.factor)];
+    const [hits, passes] = votesAt(this.pyramid, level, column, row);
+    return { x: column, y: row, factor: level.factor, hits, passes };
+  }
+
+  private frameAround(cell: Cell, ratio: number): void {
+    const { camera } = this;
+    const side = cell.factor / camera.scale / ratio;
+    this.frame.hidden = side < FRAMED_FROM;
+    if (this.frame.hidden) return;
+    const left = ((cell.x * cell.factor - camera.x) / camera.scale + camera.width / 2) / ratio;
+    const below = (((cell.y + 1) * cell.factor - camera.y) / camera.scale - camera.height / 2) / ratio;
+    Object.assign(this.frame.style, {
+      width: `${side}px`, height: `${side}px`, transform: `translate(${left}px, ${-below}px)`,
+    });
+  }
+}
+
+/** Show a map in an element of a page. */
+export async function mount(root: HTMLElement, payload: Payload): Promise<Viewer> {
+  return new Viewer(root, payload.facts, await pyramidOf(payload));
+}
