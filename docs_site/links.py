@@ -60,7 +60,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             files.append(File.generated(config, in_site(path), abs_src_path=source))
         if path.endswith(".md"):
             links = LINK.findall((ROOT / path).read_text(encoding="utf-8"))
-            named = {target(path, link) for link in links} - {""}
+            # Pages of notebooks are made by notebooks.py.
+            named = {target(path, link) for link in links if not link.endswith(".ipynb")} - {""}
             waiting += [name for name in named if files.get_file_from_path(in_site(name)) is None]
     return files
 
