@@ -67,9 +67,18 @@ def test_kinds_of_maps_that_the_page_does_not_show(run: Run, tmp_path: Path) -> 
     assert not (tmp_path / "m.html").exists()
 
 
+# Shells let what runs in the background ignore Ctrl-C, and these tests may.
+_AS_TYPED = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from oddsmap.cli import main
+main()
+"""
+
+
 def test_it_is_served_until_ctrl_c(saved: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "oddsmap", "view", str(saved), "--no-browser"],
+        [sys.executable, "-c", _AS_TYPED, "view", str(saved), "--no-browser"],
         env={**os.environ, "PYTHONPATH": str(ROOT / "src")}, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
