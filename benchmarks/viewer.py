@@ -6,7 +6,8 @@
 Printed for each map: bytes of the file's data over those of the saved map, CPU seconds to make the
 file; then what the browser takes, in software if there is no graphics card: seconds until the map
 can be used, seconds from a slider to the new picture (the median of five), milliseconds of the
-page's own program in a frame. The last map is 4000 x 4000 cells of noise, which hardly compresses.
+page's own program in a frame. "noise" is 4000 x 4000 cells, which hardly compress; "sheets" is
+3 million voxels with hits, under as many of air.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from oddsmap import EvidenceMap, build_map, open_log
 from oddsmap.kernels.units import ONE
 from oddsmap.viewer.document import page_part, single_page
 from oddsmap.viewer.plane import plane_payload
+from oddsmap.viewer.space import space_payload
 from oddsmap.viewer.text import text_of
 from tests.viewer.browser_kit import chromium, file_url, opened
 
@@ -47,11 +49,28 @@ def noise() -> EvidenceMap:
     return grid
 
 
+def sheets() -> EvidenceMap:
+    """Two rough floors of 1500 x 1000 voxels, one above the other, each below one voxel of air."""
+    grid, rng = EvidenceMap(0.1, ndim=3), np.random.default_rng(0)
+    for first in range(0, 1000, 250):
+        y, x = np.mgrid[first : first + 250, 0:1500].reshape(2, -1)
+        rough = (8 * np.sin(x / 60) * np.cos(y / 45)).astype(np.int64) + rng.integers(0, 2, x.shape)
+        for height in (0, 40):
+            for above, hits in ((0, 1 + rng.poisson(4, x.shape)), (2, np.zeros(x.shape))):
+                index = np.stack([x, y, rough + height + above], axis=1)
+                passes = rng.poisson(3, x.shape) + (above > 0)
+                grid.add_cells(index, hits.astype(np.int64) * ONE, passes * ONE)
+    return grid
+
+
 def maps(data: Path) -> Iterator[tuple[str, EvidenceMap]]:
-    """Real logs at 0.05 m, and noise."""
+    """Real logs at 0.05 m, and made-up maps."""
     for name in LOGS:
         yield name, build_map(open_log(data / "laser2d" / f"{name}.log.gz"), 0.05)
     yield "noise", noise()
+    hall = open_log(data / "lidar3d" / "hall_os0")
+    yield "hall", build_map(hall, 0.1)
+    yield "sheets", sheets()
 
 
 def main() -> None:
@@ -67,7 +86,7 @@ def main() -> None:
             grid.save(saved)
             size = sum(file.stat().st_size for file in saved.rglob("*") if file.is_file())
             begun = time.process_time()
-            payload = plane_payload(grid, saved.name)
+            payload = (plane_payload if grid.ndim == 2 else space_payload)(grid, saved.name)
             page.write_text(single_page(saved.name, payload), encoding="utf-8")
             spent, share = time.process_time() - begun, len(text_of(payload)) / size
             print(f"{name}: {share:.2f} of the saved map, {spent:.2f} s of CPU to write")

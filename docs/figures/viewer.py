@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated office in the page of `oddsmap view`: by day with a cell pointed at, and by night.
+"""Simulated maps in the page of `oddsmap view`: the office, and the town in space.
 
-python docs/figures/viewer.py        # writes docs/images/viewer.png; needs Chromium and playwright
+python docs/figures/viewer.py        # needs Chromium and playwright
+
+Writes docs/images/viewer.png, by day with a cell pointed at, and by night, and viewer-space.png.
 """
 
 from __future__ import annotations
@@ -15,14 +17,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oddsmap import EvidenceMap, build_map
-from oddsmap.simulate import Lidar2D, office_drive, office_plan
+from oddsmap.simulate import Lidar2D, Lidar3D, drive3d, office_drive, office_plan, town
 from oddsmap.viewer.document import single_page
 from oddsmap.viewer.plane import plane_payload
+from oddsmap.viewer.space import space_payload
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-OUTPUT = Path(__file__).resolve().parent.parent / "images" / "viewer.png"
+IMAGES = Path(__file__).resolve().parent.parent / "images"
 WIDTH, HEIGHT = 1000, 640
 OPTIONS = [
     "--headless=new",
@@ -38,6 +41,16 @@ def office() -> EvidenceMap:
     grid = build_map((lidar.scan(plan, pose, rng) for pose in office_drive(200)), 0.05)
     grid.provenance.clear()
     grid.record("office.log.gz", scans=200)
+    return grid
+
+
+def street() -> EvidenceMap:
+    """A drive through the town."""
+    world, lidar, rng = town(), Lidar3D(), np.random.default_rng(0)
+    poses = drive3d(40, ground=world.ground)
+    grid = build_map((lidar.scan(world, pose, rng) for pose in poses), 0.2)
+    grid.provenance.clear()
+    grid.record("town", scans=40)
     return grid
 
 
@@ -59,24 +72,57 @@ def picture(browser: Browser, page_file: Path, scheme: str, notches: int, poster
     return content
 
 
-def main() -> None:
-    """Write the picture."""
+def picture_in_space(browser: Browser, page_file: Path, scheme: str, program: str) -> bytes:
+    """The page of voxels, after a program has run on its viewer."""
+    context = browser.new_context(
+        viewport={"width": WIDTH, "height": HEIGHT},
+        color_scheme="dark" if scheme == "dark" else "light",
+    )
+    page = context.new_page()
+    page.goto(page_file.as_uri())
+    page.wait_for_selector(".map canvas")
+    page.evaluate(program)
+    page.wait_for_timeout(1500)
+    content = bytes(page.screenshot())
+    context.close()
+    return content
+
+
+def write(pictures: list[bytes], name: str) -> None:
+    """Pictures side by side."""
     from PIL import Image
+
+    both = Image.new("RGB", (2 * WIDTH + 10, HEIGHT), "white")
+    for i, content in enumerate(pictures):
+        both.paste(Image.open(io.BytesIO(content)), (i * (WIDTH + 10), 0))
+    both.quantize(256).save(IMAGES / name, optimize=True)
+
+
+def main() -> None:
+    """Write the pictures."""
     from playwright.sync_api import sync_playwright
 
-    grid = office()
+    grid, space = office(), street()
     with TemporaryDirectory() as folder, sync_playwright() as playwright:
         path = Path(folder) / "office.html"
         path.write_text(single_page("office.zarr", plane_payload(grid, "office.zarr")))
         program = shutil.which("chromium") or shutil.which("google-chrome")
         browser = playwright.chromium.launch(executable_path=program, args=OPTIONS)
         views = (("light", 0, "log-odds"), ("dark", 5, "calibrated"))
-        shown = [Image.open(io.BytesIO(picture(browser, path, *view))) for view in views]
+        write([picture(browser, path, *view) for view in views], "viewer.png")
+        path = Path(folder) / "town.html"
+        path.write_text(single_page("town.zarr", space_payload(space, "town.zarr")))
+        programs = (
+            ("light", "(oddsmap.camera.zoom(1.25), oddsmap.store.set({}))"),
+            (
+                "dark",
+                "(oddsmap.camera.zoom(4), oddsmap.camera.turn(0, -60),"
+                " oddsmap.store.set({ paint: 'hits', zHigh: 8 }))",
+            ),
+        )
+        shown = [picture_in_space(browser, path, *program) for program in programs]
+        write(shown, "viewer-space.png")
         browser.close()
-    both = Image.new("RGB", (2 * WIDTH + 10, HEIGHT), "white")
-    for i, image in enumerate(shown):
-        both.paste(image, (i * (WIDTH + 10), 0))
-    both.quantize(256).save(OUTPUT, optimize=True)
 
 
 if __name__ == "__main__":

@@ -49,12 +49,12 @@ def test_kinds_of_maps_that_the_page_does_not_show(run: Run, tmp_path: Path) -> 
     space = EvidenceMap(0.1, ndim=3)
     space.add_cells(np.array([[0, 0, 0]]), np.array([ONE]), np.array([0]))
     space.save(tmp_path / "space.zarr")
+    assert run("view", tmp_path / "space.zarr", "-o", tmp_path / "space.html").status == 0
     space.log_odds().save_octomap(tmp_path / "space.ot")
     full_map(1).save(tmp_path / "full.zarr")
     full_map(1).save_ros(tmp_path / "ros.yaml")
     (tmp_path / "seen.csv").write_text("x,y\n0,0\n")
     for name, said in (
-        ("space.zarr", "a 3D map, and so far the page shows 2D maps: oddsmap export"),
         ("space.ot", "an OctoMap has no counts"),
         ("full.zarr", "a full map has no counts"),
         ("ros.yaml", "a ROS map has no counts"),

@@ -28,6 +28,22 @@ def numbers_of(sections: dict[str, bytes], name: str, size: int) -> list[int]:
     return [int.from_bytes(bytes(word), "little") for word in zip(*planes, strict=True)]
 
 
+def voxels_of(payload: bytes) -> dict[tuple[int, int, int], tuple[float, float]]:
+    """Hits and passes [votes] of each voxel of a 3D map that the page gets."""
+    facts, sections = parts_of(payload)
+    assert facts["kind"] == "space"
+    steps = zip(*(numbers_of(sections, axis, 2) for axis in "xyz"), strict=True)
+    hits, passes = (numbers_of(sections, name, facts["bytes"]) for name in ("hits", "passes"))
+    at = [0, 0, 0]
+    found: dict[tuple[int, int, int], tuple[float, float]] = {}
+    for step, h, p in zip(steps, hits, passes, strict=True):
+        at = [(a + s) % 65536 for a, s in zip(at, step, strict=True)]
+        x, y, z = (a + first for a, first in zip(at, facts["lo"], strict=True))
+        found[x, y, z] = (h * facts["unit"], p * facts["unit"])
+    assert len(found) == len(hits) == facts["voxels"]
+    return found
+
+
 def cells_of(payload: bytes) -> dict[Cell, tuple[float, float]]:
     """Hits and passes [votes] of each cell that has any."""
     facts, sections = parts_of(payload)

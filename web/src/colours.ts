@@ -34,4 +34,9 @@ export function paletteOf(set: Settings, night: boolean): Palette {
   };
 }
 
+/** Of voxels: the same by day and by night, as their faces have shades of their own. */
+export const spacePalette = (night: boolean): Palette => ({
+  ramp: VIRIDIS.map(hex), unknown: hex(night ? "#0f141a" : "#e8edf2"), undecided: hex("#e09a3a"),
+});
+
 export const css = (colour: Colour): string => `rgb(${colour.join(" ")})`;

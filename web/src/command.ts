@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The `oddsmap export` command that writes what is on the screen.
 
-import type { PlaneFacts } from "./payload";
+import type { Facts } from "./payload";
 import { isProbability } from "./posterior";
 import { type Settings, settingsOf } from "./settings";
 
@@ -9,11 +9,13 @@ import { type Settings, settingsOf } from "./settings";
 const quoted = (word: string): string =>
   /^[\w@%+=:,./-]+$/.test(word) && !word.startsWith("-") ? word : `'${word.replaceAll("'", `'"'"'`)}'`;
 
-export function commandOf(facts: PlaneFacts, set: Settings): string {
+export function commandOf(facts: Facts, set: Settings): string {
   const own = settingsOf(facts);
   const stem = facts.name.replace(/\.zarr$/i, "") || "map";
-  const states = set.colours === "states" && isProbability(set.posterior);
-  const words = ["oddsmap", "export", quoted(facts.name), quoted(`${stem}${states ? ".yaml" : ".png"}`)];
+  const space = facts.kind === "space";
+  const states = space || (set.colours === "states" && isProbability(set.posterior));
+  const suffix = space ? ".ply" : states ? ".yaml" : ".png";
+  const words = ["oddsmap", "export", quoted(facts.name), quoted(`${stem}${suffix}`)];
   const option = (name: string, value: number, usual: number): void => {
     if (value !== usual) words.push(name, String(value));
   };
@@ -34,7 +36,7 @@ export function commandOf(facts: PlaneFacts, set: Settings): string {
     words.push("--clamp", String(set.clampLow), String(set.clampHigh));
   }
   if (states) {
-    option("--free", set.free, own.free);
+    if (!space) option("--free", set.free, own.free);
     option("--occupied", set.occupied, own.occupied);
   }
   return words.join(" ");

@@ -4,11 +4,11 @@
 import "./style.css";
 import { element } from "./dom";
 import { bytesOfText, readPayload } from "./payload";
-import { mount, type Viewer } from "./viewer";
+import { mount, type AnyViewer } from "./viewer";
 
 declare global {
   /** The viewer of this page, for tests and for those who look at it with developer tools. */
-  var oddsmap: Viewer | undefined;
+  var oddsmap: AnyViewer | undefined;
 }
 
 async function load(): Promise<Uint8Array<ArrayBuffer>> {

@@ -4,9 +4,9 @@
 import { commandOf } from "./command";
 import { css, type Palette } from "./colours";
 import { element, uniqueId } from "./dom";
-import type { PlaneFacts } from "./payload";
-import { isProbability, logit, sigmoid } from "./posterior";
-import { type NumberName, type Settings, settingsOf, type Store } from "./settings";
+import type { Facts } from "./payload";
+import { isProbability, logit, sigmoid, valueOf } from "./posterior";
+import { type NumberName, type Settings, settingsOf, spanOf, type Store } from "./settings";
 
 interface Slider {
   readonly name: NumberName;
@@ -19,6 +19,8 @@ interface Slider {
   readonly scale: "linear" | "logit" | "log";
   /** What else bounds it: the other one of a pair. */
   readonly between?: (set: Settings) => [number, number];
+  /** Whether it is a length, to the millimetre. */
+  readonly metres?: boolean;
 }
 
 const GAP = 0.001;
@@ -53,6 +55,23 @@ const SLIDERS: readonly Slider[] = [
   { name: "betaB", label: "prior passes [votes]", lo: 0.01, hi: 100, of: isBeta, scale: "log" },
 ];
 
+/** The sliders of a map: of a 3D one, those that decide what is occupied, and its clip box. */
+function slidersOf(facts: Facts): Slider[] {
+  if (facts.kind === "plane") return [...SLIDERS];
+  const own = SLIDERS.filter(({ name }) => name !== "free").map((slider): Slider => slider.name !== "occupied" ? slider
+    : { ...slider, of: () => true, between: () => [facts.free + GAP, 1] });
+  const clips = ([[0, "x"], [1, "y"], [2, "z"]] as const).flatMap(([axis, word]): Slider[] => {
+    const [lo, hi] = spanOf(facts, axis);
+    const [low, high] = [`${word}Low`, `${word}High`] as [NumberName, NumberName];
+    const common = { lo, hi, of: () => true, scale: "linear", metres: true } as const;
+    return [
+      { ...common, name: low, label: `${word} from [m]`, between: (set) => [lo, set[high]] },
+      { ...common, name: high, label: `${word} to [m]`, between: (set) => [set[low], hi] },
+    ];
+  });
+  return [...own, ...clips];
+}
+
 const identity = (x: number): number => x;
 const SCALES = { linear: [identity, identity], logit: [logit, sigmoid], log: [Math.log, Math.exp] } as const;
 
@@ -62,12 +81,18 @@ export interface Panel {
   update(palette: Palette): void;
 }
 
-export function panelOf(facts: PlaneFacts, store: Store): Panel {
+export function panelOf(facts: Facts, store: Store): Panel {
+  const space = facts.kind === "space";
+  const paint = choice("Colours", [["height", "Height"], ["probability", "Probability"], ["hits", "Hits"]],
+    (value) => store.set({ paint: value as Settings["paint"] }));
+  const drag = choice("A drag turns", [["orbit", "The map (orbit)"], ["fly", "The eye (fly)"]],
+    (value) => store.set({ drag: value as Settings["drag"] }));
   const posterior = choice("Posterior", [
     ["log-odds", "Occupied? Log odds"],
     ...(facts.calibrated ? [["calibrated", "Occupied? Calibrated"] as const] : []),
-    ["reflection", "Share of beams reflected"],
-    ["interval-width", "How uncertain that share is"],
+    ...(space ? [] : [
+      ["reflection", "Share of beams reflected"] as const, ["interval-width", "How uncertain that share is"] as const,
+    ]),
   ], (value) => store.set({ posterior: value as Settings["posterior"] }));
   const colours = choice("Colours", [["values", "Probability"], ["states", "Free, undecided, occupied"]],
     (value) => store.set({ colours: value as Settings["colours"] }));
@@ -77,7 +102,8 @@ export function panelOf(facts: PlaneFacts, store: Store): Panel {
   clamped.addEventListener("change", () => store.set({ clamped: clamped.checked }));
   const clamp = element("div", { class: "check" }, clamped,
     element("label", { for: clamped.id }, "Clamp probabilities"));
-  const rows = SLIDERS.map((slider) => row(slider, store));
+  const sliders = slidersOf(facts);
+  const rows = sliders.map((slider) => row(slider, store));
   const reset = element("button", { type: "button" }, "As the map has it");
   reset.addEventListener("click", () => store.set(settingsOf(facts)));
   const doubt = element("p", { class: "doubt", role: "status" });
@@ -91,11 +117,14 @@ export function panelOf(facts: PlaneFacts, store: Store): Panel {
     setTimeout(() => (copy.textContent = "Copy command"), 2000);
   }));
   // The box that switches the bounds on stands above them.
-  const first = SLIDERS.findIndex((slider) => slider.name === "clampLow");
-  const [beforeClamp, fromClamp] = [rows.slice(0, first), rows.slice(first)];
+  const first = sliders.findIndex((slider) => slider.name === "clampLow");
+  const [beforeClamp, fromClamp] = [rows.slice(0, first), rows.slice(first, sliders.length - (space ? 6 : 0))];
+  const box = element("fieldset", { class: "clip" }, element("legend", {}, "Clip box"),
+    ...rows.slice(sliders.length - 6).map((one) => one.root));
+  const ofKind = space ? [paint.root, drag.root, box] : [fromAfar.root];
   const root = element("section", { class: "panel", "aria-label": "How the map is shown" },
-    posterior.root, doubt, colours.root, ...beforeClamp.map((one) => one.root), clamp,
-    ...fromClamp.map((one) => one.root), fromAfar.root, reset, legend,
+    posterior.root, doubt, ...(space ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp,
+    ...fromClamp.map((one) => one.root), ...ofKind, reset, legend,
     element("div", { class: "command" }, command, copy));
   return {
     root,
@@ -103,6 +132,8 @@ export function panelOf(facts: PlaneFacts, store: Store): Panel {
       const set = store.value;
       posterior.select.value = set.posterior;
       colours.select.value = set.colours;
+      paint.select.value = set.paint;
+      drag.select.value = set.drag;
       fromAfar.select.value = set.fromAfar;
       clamped.checked = set.clamped;
       colours.root.hidden = clamp.hidden = !isProbability(set.posterior);
@@ -110,7 +141,7 @@ export function panelOf(facts: PlaneFacts, store: Store): Panel {
       for (const one of rows) one.update(set);
       doubt.textContent = doubtOf(facts, set);
       doubt.hidden = doubt.textContent === "";
-      legend.replaceChildren(...legendOf(set, palette));
+      legend.replaceChildren(...legendOf(facts, set, palette));
       command.textContent = commandOf(facts, set);
     },
   };
@@ -136,7 +167,7 @@ function row(slider: Slider, store: Store) {
   };
   range.addEventListener("input", () => {
     const [lo, hi] = bounds();
-    const value = rounded(back(range.valueAsNumber));
+    const value = slider.metres ? Number(range.valueAsNumber.toFixed(3)) : rounded(back(range.valueAsNumber));
     store.set({ [slider.name]: Math.min(Math.max(value, lo), hi) });
   });
   number.addEventListener("input", () => {
@@ -166,8 +197,15 @@ function row(slider: Slider, store: Store) {
 /** Four decimals, or three digits of a number above. */
 const rounded = (value: number): number => Number(value < 1 ? value.toFixed(4) : value.toPrecision(3));
 
-function doubtOf(facts: PlaneFacts, set: Settings): string {
+function doubtOf(facts: Facts, set: Settings): string {
   if (facts.rounded) return "Weights of this map are too large for the page and were rounded to 32 bits.";
+  if (facts.kind === "space") {
+    // Passes only lower a probability: of voxels without hits, that with the fewest has the highest.
+    if (facts.unhit !== null && valueOf(facts, set, 0, facts.unhit) >= set.occupied) {
+      return "So set, voxels without a hit are occupied, too: they are neither drawn nor counted.";
+    }
+    return "";
+  }
   if (isProbability(set.posterior)) return "";
   if (facts.sensor === "cone") {
     return "Counting does badly under wide beams, whose hits belong to one cell of many.";
@@ -178,7 +216,7 @@ function doubtOf(facts: PlaneFacts, set: Settings): string {
   return "";
 }
 
-function legendOf(set: Settings, palette: Palette): HTMLElement[] {
+function legendOf(facts: Facts, set: Settings, palette: Palette): HTMLElement[] {
   const swatch = (colour: string, text: string): HTMLElement => {
     const box = element("span", { class: "swatch" });
     box.style.backgroundColor = colour;
@@ -192,17 +230,29 @@ function legendOf(set: Settings, palette: Palette): HTMLElement[] {
       swatch(css(ramp[ramp.length - 1]!), "occupied"), unknown,
     ];
   }
-  const bar = element("div", { class: "ramp" });
-  bar.style.backgroundImage = `linear-gradient(to right, ${ramp.map(css).join(", ")})`;
+  if (facts.kind === "space") return [rampOf(ramp, spaceEnds(set))];
   const meaning = {
     "log-odds": "p(occupied)", calibrated: "p(occupied)", reflection: "mean reflectivity",
     "interval-width": "width of the 95 % interval",
   }[set.posterior];
-  const ends = ["0", meaning, "1"].map((text) => element("span", {}, text));
-  return [
-    element("div", { class: "ramp-and-ends" }, bar, element("div", { class: "ends" }, ...ends)),
-    unknown,
-  ];
+  return [rampOf(ramp, ["0", meaning, "1"]), unknown];
+}
+
+/** What the ends of the ramp of voxels mean. */
+function spaceEnds(set: Settings): string[] {
+  const text = (value: number): string => String(Number(value.toPrecision(4)));
+  switch (set.paint) {
+    case "height": return [text(set.zLow), "height [m]", text(set.zHigh)];
+    case "probability": return [text(set.occupied), "p(occupied)", "1"];
+    case "hits": return ["few", "hits, logarithmic", "most"];
+  }
+}
+
+function rampOf(ramp: Palette["ramp"], ends: string[]): HTMLElement {
+  const bar = element("div", { class: "ramp" });
+  bar.style.backgroundImage = `linear-gradient(to right, ${ramp.map(css).join(", ")})`;
+  return element("div", { class: "ramp-and-ends" }, bar,
+    element("div", { class: "ends" }, ...ends.map((text) => element("span", {}, text))));
 }
 
 /** Copy the text of an element; where the browser does not allow it, it is selected. */

@@ -14,17 +14,11 @@ export interface CountModel {
   beta: [number, number];
 }
 
-/** The facts of a 2D map of evidence; lengths in metres. */
-export interface PlaneFacts {
-  kind: "plane";
+/** The facts of a map of evidence; lengths in metres. */
+interface CommonFacts {
   name: string;
   sources: { source: string | null; scans: number | null }[];
   resolution: number;
-  tile: number;
-  tiles: number;
-  first_cell: [number, number];
-  lo: [number, number];
-  hi: [number, number];
   cells: number;
   bytes: 1 | 2 | 4;
   unit: number;
@@ -39,8 +33,30 @@ export interface PlaneFacts {
   calibrated: CountModel | null;
 }
 
-export interface Payload {
-  facts: PlaneFacts;
+/** A 2D map: its tiles, and its box in cells. */
+export interface PlaneFacts extends CommonFacts {
+  kind: "plane";
+  tile: number;
+  tiles: number;
+  first_cell: [number, number];
+  lo: [number, number];
+  hi: [number, number];
+}
+
+/** A 3D map: its voxels with hits, and its box in voxels. */
+export interface SpaceFacts extends CommonFacts {
+  kind: "space";
+  voxels: number;
+  /** The fewest passes of a voxel without hits [votes]; null where there is none. */
+  unhit: number | null;
+  lo: [number, number, number];
+  hi: [number, number, number];
+}
+
+export type Facts = PlaneFacts | SpaceFacts;
+
+export interface Payload<F extends Facts = Facts> {
+  facts: F;
   /** An array of unsigned integers, of its planes of bytes. */
   numbers(name: string, bytes: 1 | 2 | 4): Promise<Counts>;
 }
@@ -48,7 +64,7 @@ export interface Payload {
 export async function readPayload(bytes: Uint8Array<ArrayBuffer>): Promise<Payload> {
   const length = new DataView(bytes.buffer, bytes.byteOffset).getUint32(0, true);
   const text = new TextDecoder().decode(await inflated(bytes.subarray(4, 4 + length)));
-  const header = JSON.parse(text) as PlaneFacts & { sections: [string, number][] };
+  const header = JSON.parse(text) as Facts & { sections: [string, number][] };
   const sections = new Map<string, Uint8Array<ArrayBuffer>>();
   let at = 4 + length;
   for (const [name, size] of header.sections) {

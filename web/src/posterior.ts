@@ -3,7 +3,7 @@
 // `posterior_shader.ts` has the same for every pixel.
 
 import { betaInterval } from "./beta";
-import type { CountModel, PlaneFacts } from "./payload";
+import type { CountModel, Facts } from "./payload";
 import type { PosteriorName, Settings } from "./settings";
 
 /** Mass of credible intervals. */
@@ -21,7 +21,7 @@ export const isProbability = (name: PosteriorName): boolean =>
   name === "log-odds" || name === "calibrated";
 
 /** The value that a posterior shows of a cell, between 0 and 1. */
-export function valueOf(facts: PlaneFacts, set: Settings, hits: number, passes: number): number {
+export function valueOf(facts: Facts, set: Settings, hits: number, passes: number): number {
   const alpha = set.betaA + hits;
   const beta = set.betaB + passes;
   switch (set.posterior) {

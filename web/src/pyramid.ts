@@ -2,7 +2,7 @@
 // Hits and passes in tiles, and coarser levels of them. A cell of level k has the sum of the
 // evidence of 2^k x 2^k cells: what `oddsmap resample` makes, so that each level is a map of its own.
 
-import type { Counts, Payload } from "./payload";
+import type { Counts, Payload, PlaneFacts } from "./payload";
 
 export interface Level {
   /** Cells of the map along the side of one of this level. */
@@ -27,7 +27,7 @@ export interface Pyramid {
   readonly levels: readonly Level[];
 }
 
-export async function pyramidOf(payload: Payload): Promise<Pyramid> {
+export async function pyramidOf(payload: Payload<PlaneFacts>): Promise<Pyramid> {
   const { facts } = payload;
   const [coords, hits, passes] = await Promise.all([
     payload.numbers("coords", 4),

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a person chose: how evidence becomes a posterior, and how that is shown.
 
-import type { PlaneFacts } from "./payload";
+import type { Facts } from "./payload";
 
 export type PosteriorName = "log-odds" | "calibrated" | "reflection" | "interval-width";
 
@@ -23,13 +23,30 @@ export interface Settings {
   clampHigh: number;
   betaA: number;
   betaB: number;
+  /** What the colour of a voxel says. */
+  paint: "height" | "probability" | "hits";
+  /** What a drag turns around: the middle of the screen, or the eye. */
+  drag: "orbit" | "fly";
+  /** The clip box of a 3D map [m]. */
+  xLow: number;
+  xHigh: number;
+  yLow: number;
+  yHigh: number;
+  zLow: number;
+  zHigh: number;
 }
 
 export type NumberName =
-  | "pHit" | "pMiss" | "prior" | "fittedPrior" | "free" | "occupied" | "clampLow" | "clampHigh" | "betaA" | "betaB";
+  | "pHit" | "pMiss" | "prior" | "fittedPrior" | "free" | "occupied" | "clampLow" | "clampHigh" | "betaA" | "betaB"
+  | "xLow" | "xHigh" | "yLow" | "yHigh" | "zLow" | "zHigh";
+
+/** Where a map begins and ends along an axis [m]. */
+export const spanOf = (facts: Facts, axis: 0 | 1 | 2): [number, number] =>
+  [(facts.lo[axis] ?? 0) * facts.resolution, (facts.hi[axis] ?? 0) * facts.resolution];
 
 /** What the map itself says. */
-export function settingsOf(facts: PlaneFacts): Settings {
+export function settingsOf(facts: Facts): Settings {
+  const [[xLow, xHigh], [yLow, yHigh], [zLow, zHigh]] = [spanOf(facts, 0), spanOf(facts, 1), spanOf(facts, 2)];
   return {
     posterior: "log-odds",
     colours: "values",
@@ -45,6 +62,9 @@ export function settingsOf(facts: PlaneFacts): Settings {
     clampHigh: 0.971,
     betaA: 1,
     betaB: 1,
+    paint: "height",
+    drag: "orbit",
+    xLow, xHigh, yLow, yHigh, zLow, zHigh,
   };
 }
 

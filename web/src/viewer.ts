@@ -4,15 +4,18 @@
 import { Camera } from "./camera";
 import { paletteOf, type Palette } from "./colours";
 import { element } from "./dom";
+import { headingOf, isDark } from "./heading";
 import { listen } from "./input";
 import { panelOf } from "./panel";
-import type { Payload, PlaneFacts } from "./payload";
+import type { Payload, PlaneFacts, SpaceFacts } from "./payload";
 import { PlaneLayer, shownAt } from "./plane_layer";
 import { valueOf } from "./posterior";
 import { pyramidOf, type Pyramid, votesAt } from "./pyramid";
 import { lengthInWords, roundLength } from "./scale_bar";
 import { settingsOf, Store } from "./settings";
-import { type Cell, count, describe, metres, short } from "./words";
+import { SpaceViewer } from "./space_viewer";
+import { voxelsOf } from "./voxels";
+import { type Cell, describe, metres } from "./words";
 
 const SCALE_BAR = 140;
 /** A cell is framed where it is at least so large [pixels of the page]. */
@@ -34,7 +37,6 @@ export class Viewer {
   private readonly bar = element("div", { class: "scale-bar" });
   private readonly frame = element("div", { class: "frame", "aria-hidden": true, hidden: true });
   private readonly panel;
-  private readonly dark = matchMedia("(prefers-color-scheme: dark)");
   private pointer: readonly [number, number] | null = null;
   private byKeys = false;
   private due = false;
@@ -56,7 +58,7 @@ export class Viewer {
     root.replaceChildren(
       element("div", { class: "map" }, this.canvas, this.frame,
         element("div", { class: "readout" }, this.position, this.words), this.bar),
-      element("div", { class: "side" }, this.heading(), this.panel.root),
+      element("div", { class: "side" }, headingOf(root, facts, () => this.changed()), this.panel.root),
     );
     this.listen(gl);
     this.resize();
@@ -77,28 +79,6 @@ export class Viewer {
     return this.layer.stats;
   }
 
-  private heading(): HTMLElement {
-    const { facts } = this;
-    const from = facts.sources.map(({ source, scans }) =>
-      [source ?? "scans without a file", scans === null ? "" : `${count(scans)} scans`].filter(Boolean).join(", "));
-    const shown = from.length > 3 ? [...from.slice(0, 3), `${from.length - 3} more`] : from;
-    const theme = element("button", { type: "button", class: "theme" });
-    const named = { auto: "Colours as the system has them", light: "Light", dark: "Dark" };
-    const next = { auto: "light", light: "dark", dark: "auto" } as const;
-    const apply = (value: keyof typeof named): void => {
-      this.root.dataset.theme = value;
-      theme.textContent = { auto: "Auto", light: "Light", dark: "Dark" }[value];
-      theme.setAttribute("aria-label", `${theme.textContent}: ${named[value]}. Change`);
-      theme.onclick = () => apply(next[value]);
-      this.changed();
-    };
-    apply("auto");
-    return element("header", {},
-      element("div", { class: "title" }, element("h1", {}, facts.name), theme),
-      element("p", {}, `${count(facts.cells)} known cells of ${short(facts.resolution)} m`,
-        ...shown.flatMap((line) => [element("br"), line])));
-  }
-
   private listen(gl: WebGL2RenderingContext): void {
     listen(this.canvas, this.camera, {
       moved: () => this.schedule(),
@@ -117,7 +97,6 @@ export class Viewer {
       this.schedule();
     });
     this.store.listen(() => this.changed());
-    this.dark.addEventListener("change", () => this.changed());
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
@@ -127,8 +106,7 @@ export class Viewer {
   }
 
   private palette(): Palette {
-    const { theme } = this.root.dataset;
-    return paletteOf(this.store.value, theme === "dark" || (theme !== "light" && this.dark.matches));
+    return paletteOf(this.store.value, isDark(this.root));
   }
 
   private changed(): void {
@@ -207,7 +185,11 @@ export class Viewer {
   }
 }
 
+export type AnyViewer = Viewer | SpaceViewer;
+
 /** Show a map in an element of a page. */
-export async function mount(root: HTMLElement, payload: Payload): Promise<Viewer> {
-  return new Viewer(root, payload.facts, await pyramidOf(payload));
+export async function mount(root: HTMLElement, payload: Payload): Promise<AnyViewer> {
+  const { facts } = payload;
+  if (facts.kind === "space") return new SpaceViewer(root, facts, await voxelsOf(payload as Payload<SpaceFacts>));
+  return new Viewer(root, facts, await pyramidOf(payload as Payload<PlaneFacts>));
 }

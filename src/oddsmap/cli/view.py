@@ -23,6 +23,7 @@ HELP = """Look at a map in the browser, and tune the sensor model on it.
   oddsmap view intel.zarr                 serves it to this machine, opens it
   oddsmap view intel.zarr -o intel.html   one file that needs no network
 
+A 3D map is shown as its occupied voxels, to turn and to fly through.
 The map has hits and passes, so the page works out every posterior itself: its
 sliders act at once. A copied command writes what is on the screen. Only this
 machine can reach the page, and only with its address; Ctrl-C ends it.
@@ -32,7 +33,7 @@ _BAND = ", in a band of heights (--z-min, --z-max)"
 
 
 def view(
-    source: Annotated[Path, typer.Argument(metavar="MAP", help="A saved 2D map (.zarr).")],
+    source: Annotated[Path, typer.Argument(metavar="MAP", help="A saved map (.zarr), 2D or 3D.")],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -59,6 +60,7 @@ def view(
     from oddsmap.cli.files import check_files, check_suffix
     from oddsmap.errors import ConfigError
     from oddsmap.viewer.plane import plane_payload
+    from oddsmap.viewer.space import space_payload
 
     voice = Voice(quiet=quiet, verbose=verbose)
     if output is not None:
@@ -68,7 +70,8 @@ def view(
     check_files([source], output, force=force)
     name = source.name or source.resolve().name  # "." has none of its own
     with working(f"reading {name}", quiet=voice.still):
-        payload = plane_payload(_opened(source), name)
+        grid = _opened(source)
+        payload = (plane_payload if grid.ndim == 2 else space_payload)(grid, name)
     if output is None:
         _serve(name, payload, port, browser, voice)
     else:
@@ -101,13 +104,7 @@ def _opened(source: Path) -> EvidenceMap:
             f"oddsmap export {source} OUT.png draws it{_BAND if kind == 'an OctoMap' else ''}"
         )
     check_no_image(source)
-    grid = load_map(source)
-    if grid.ndim != 2:
-        raise InputError(
-            f"{source}: a 3D map, and so far the page shows 2D maps: oddsmap export {source} "
-            f"OUT.png draws it{_BAND}"
-        )
-    return grid
+    return load_map(source)
 
 
 def _write(title: str, payload: bytes, output: Path, force: bool) -> None:

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the map is, and the button that changes between light and dark.
+
+import { element } from "./dom";
+import type { Facts } from "./payload";
+import { count, short } from "./words";
+
+const DARK = matchMedia("(prefers-color-scheme: dark)");
+
+/** Whether a viewer is shown in dark colours. */
+export const isDark = (root: HTMLElement): boolean =>
+  root.dataset.theme === "dark" || (root.dataset.theme !== "light" && DARK.matches);
+
+/** The heading of a viewer in `root`; `changed` is told when its colours are others. */
+export function headingOf(root: HTMLElement, facts: Facts, changed: () => void): HTMLElement {
+  const from = facts.sources.map(({ source, scans }) =>
+    [source ?? "scans without a file", scans === null ? "" : `${count(scans)} scans`].filter(Boolean).join(", "));
+  const shown = from.length > 3 ? [...from.slice(0, 3), `${from.length - 3} more`] : from;
+  const theme = element("button", { type: "button", class: "theme" });
+  const named = { auto: "Colours as the system has them", light: "Light", dark: "Dark" };
+  const next = { auto: "light", light: "dark", dark: "auto" } as const;
+  const apply = (value: keyof typeof named): void => {
+    root.dataset.theme = value;
+    theme.textContent = { auto: "Auto", light: "Light", dark: "Dark" }[value];
+    theme.setAttribute("aria-label", `${theme.textContent}: ${named[value]}. Change`);
+    theme.onclick = () => apply(next[value]);
+    changed();
+  };
+  apply("auto");
+  DARK.addEventListener("change", changed);
+  return element("header", {},
+    element("div", { class: "title" }, element("h1", {}, facts.name), theme),
+    element("p", {}, `${count(facts.cells)} known cells of ${short(facts.resolution)} m`,
+      ...shown.flatMap((line) => [element("br"), line])));
+}

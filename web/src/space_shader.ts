@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: Apache-2.0
+// One point for each voxel. The point covers the voxel's box on the screen, and each of its pixels
+// finds out where its ray meets that box: so a voxel costs one vertex, and its depth is exact.
+
+import { POSTERIOR } from "./posterior_shader";
+
+export const PAINTS = { height: 0, probability: 1, hits: 2 } as const;
+
+export const SPACE_VERTEX = `#version 300 es
+precision highp float;
+precision highp int;
+layout(location = 0) in vec3 a_place;
+layout(location = 1) in vec2 a_counts;
+uniform float u_unit;        // votes in one count
+uniform vec3 u_eye;          // whole voxels
+uniform vec3 u_within;       // and what is left of it
+uniform mat3 u_view;         // from the map to the view: right, up, back
+uniform float u_focal;       // pixels in a tangent of 1
+uniform vec2 u_screen;       // pixels
+uniform vec2 u_range;        // nearest and farthest depth
+uniform float u_largest;     // point that the graphics card draws
+uniform vec3 u_lo;           // the clip box: first voxel
+uniform vec3 u_hi;           // and one past the last
+uniform int u_paint;
+uniform vec2 u_heights;      // lowest and highest voxel of the ramp
+uniform float u_most;        // hits at the end of the ramp, as log(1 + hits)
+flat out vec3 v_middle;      // from the eye, in the axes of the map
+flat out vec3 v_colour;
+flat out float v_pixels;
+${POSTERIOR}
+void main() {
+  gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
+  gl_PointSize = 1.0;
+  v_middle = vec3(0.0);
+  v_colour = vec3(0.0);
+  v_pixels = 0.0;
+  if (any(lessThan(a_place, u_lo)) || any(greaterThanEqual(a_place, u_hi))) return;
+  vec2 votes = a_counts * u_unit;
+  float value = value_of(votes);
+  if (value < u_thresholds.y) return;
+  v_middle = a_place - u_eye + (0.5 - u_within);
+  vec3 seen = u_view * v_middle;
+  float depth = -seen.z;
+  // Half the box along each axis of the view.
+  vec3 half_box = 0.5 * (abs(u_view[0]) + abs(u_view[1]) + abs(u_view[2]));
+  if (depth - half_box.z < u_range.x) return;
+  vec2 reach = (half_box.xy + half_box.z * abs(seen.xy) / depth) / (depth - half_box.z);
+  v_pixels = 2.0 * u_focal * max(reach.x, reach.y);
+  gl_PointSize = clamp(v_pixels + 1.0, 1.0, u_largest);
+  gl_Position = vec4(2.0 * u_focal * seen.xy / u_screen, 0.0, depth);
+  float shade = u_paint == ${PAINTS.height} ? (a_place.z - u_heights.x) / max(u_heights.y - u_heights.x, 1.0)
+    : u_paint == ${PAINTS.hits} ? log(1.0 + votes.x) / u_most
+    : (value - u_thresholds.y) / max(1.0 - u_thresholds.y, 1e-6);
+  v_colour = ramp(shade) / 255.0;
+}`;
+
+export const SPACE_FRAGMENT = `#version 300 es
+precision highp float;
+flat in vec3 v_middle;
+flat in vec3 v_colour;
+flat in float v_pixels;
+uniform mat3 u_view;
+uniform float u_focal;
+uniform vec2 u_screen;
+uniform vec2 u_range;
+out vec4 o_colour;
+
+void main() {
+  // Towards the pixel, by one along the depth.
+  vec3 ray = vec3((gl_FragCoord.xy - 0.5 * u_screen) / u_focal, -1.0) * u_view;
+  ray = mix(ray, vec3(1e-7), lessThan(abs(ray), vec3(1e-7)));
+  vec3 nearer = (v_middle - 0.5 * sign(ray)) / ray;
+  vec3 farther = (v_middle + 0.5 * sign(ray)) / ray;
+  float enter = max(max(nearer.x, nearer.y), nearer.z);
+  float leave = min(min(farther.x, farther.y), farther.z);
+  // A voxel that is hardly a pixel is drawn whole: a ray through the pixel's middle might miss it.
+  if (enter > leave && v_pixels > 1.5) discard;
+  float depth = max(min(enter, leave), u_range.x);
+  float brightness = nearer.z >= enter ? (ray.z < 0.0 ? 1.0 : 0.55) : nearer.x >= enter ? 0.84 : 0.7;
+  // Edges of boxes that are large enough to have some.
+  vec3 at = abs(ray * depth - v_middle);
+  float second = at.x + at.y + at.z - max(max(at.x, at.y), at.z) - min(min(at.x, at.y), at.z);
+  float edge = smoothstep(0.5 - 1.5 / max(v_pixels, 1.0), 0.5, second) * smoothstep(6.0, 24.0, v_pixels);
+  o_colour = vec4(v_colour * brightness * (1.0 - 0.35 * edge), 1.0);
+  float near = u_range.x;
+  float far = u_range.y;
+  gl_FragDepth = clamp(far * (depth - near) / (depth * (far - near)), 0.0, 1.0);
+}`;

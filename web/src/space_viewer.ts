@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// The viewer of a 3D map: its occupied voxels, how many they are, and the panel beside them.
+
+import { type Colour, spacePalette } from "./colours";
+import { element } from "./dom";
+import { headingOf, isDark } from "./heading";
+import { panelOf } from "./panel";
+import type { SpaceFacts } from "./payload";
+import { settingsOf, Store } from "./settings";
+import { SpaceCamera } from "./space_camera";
+import { listenInSpace } from "./space_input";
+import { SpaceLayer } from "./space_layer";
+import { count } from "./words";
+import { clipOf, occupiedIn, type Voxels } from "./voxels";
+
+const DAY: Colour = [232, 237, 242];
+const NIGHT: Colour = [15, 20, 26];
+/** Voxels are counted once nothing has been changed for so long [ms]. */
+const COUNTED_AFTER = 80;
+
+export class SpaceViewer {
+  readonly camera: SpaceCamera;
+  readonly store: Store;
+  /** Milliseconds of this program in the last frame. */
+  frameTime = 0;
+  /** How many voxels are occupied and inside the clip box; null: they are being counted. */
+  occupied: number | null = null;
+  private layer: SpaceLayer;
+  private readonly canvas = element("canvas", {
+    tabindex: 0, role: "application",
+    "aria-label": "Map in space. Arrow keys turn it; W, A, S, D, Q and E move; plus and minus zoom; "
+      + "0 shows all of it, 1 from above.",
+  });
+  private readonly words = element("output", { class: "words", "aria-live": "polite" });
+  private readonly panel;
+  private due = false;
+  private counting: ReturnType<typeof setTimeout> | undefined;
+
+  constructor(
+    private readonly root: HTMLElement,
+    readonly facts: SpaceFacts,
+    readonly voxels: Voxels,
+  ) {
+    this.store = new Store(settingsOf(facts));
+    this.camera = new SpaceCamera(voxels.box);
+    this.panel = panelOf(facts, this.store);
+    const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
+    if (!gl) {
+      throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or "
+        + "switch hardware acceleration on");
+    }
+    this.layer = new SpaceLayer(gl, facts, voxels);
+    root.replaceChildren(
+      element("div", { class: "map space" }, this.canvas, element("div", { class: "readout" }, this.words)),
+      element("div", { class: "side" }, headingOf(root, facts, () => this.changed()), this.panel.root),
+    );
+    this.store.listen(() => this.changed());
+    listenInSpace(this.canvas, this.camera, () => this.store.value.drag === "fly", () => this.schedule());
+    new ResizeObserver(() => this.resize()).observe(this.canvas);
+    this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+    this.canvas.addEventListener("webglcontextrestored", () => {
+      this.layer = new SpaceLayer(gl, facts, voxels);
+      this.schedule();
+    });
+    this.resize();
+    this.camera.fit();
+    this.changed();
+  }
+
+  get stats(): { draws: number; uploaded: number; vertices: number } {
+    return this.layer.stats;
+  }
+
+  private changed(): void {
+    this.panel.update(spacePalette(isDark(this.root)));
+    this.occupied = null;
+    clearTimeout(this.counting);
+    this.counting = setTimeout(() => this.count(), COUNTED_AFTER);
+    this.schedule();
+  }
+
+  private count(): void {
+    const { facts, voxels } = this;
+    this.occupied = occupiedIn(facts, voxels, this.store.value, clipOf(facts, this.store.value));
+    this.words.textContent = `${count(this.occupied)} occupied voxels, of ${count(voxels.count)} with hits`;
+  }
+
+  private resize(): void {
+    const ratio = devicePixelRatio;
+    const width = Math.round(this.canvas.clientWidth * ratio);
+    const height = Math.round(this.canvas.clientHeight * ratio);
+    if (width === 0 || height === 0) return;
+    const whole = this.camera.isFitted();
+    Object.assign(this.canvas, { width, height });
+    Object.assign(this.camera, { width, height });
+    if (whole) this.camera.fit(this.camera.yaw, this.camera.pitch);
+    this.schedule();
+  }
+
+  private schedule(): void {
+    if (this.due) return;
+    this.due = true;
+    requestAnimationFrame(() => {
+      this.due = false;
+      const begun = performance.now();
+      const dark = isDark(this.root);
+      this.layer.draw(this.camera, this.store.value, spacePalette(dark), dark ? NIGHT : DAY);
+      this.frameTime = performance.now() - begun;
+    });
+  }
+}
