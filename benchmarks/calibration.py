@@ -144,10 +144,15 @@ def print_reflection(data: Path, names: Sequence[str], *, blocks: bool) -> None:
 def print_fit(data: Path) -> None:
     """How long the fits of a large map take, and where one more hit lowers p(occupied)."""
     grid = build_map(open_log(data / LOGS["hall_os0"][0]), 0.05, threads=2)
-    begin = time.process_time()
-    view = grid.calibrated()
-    took = time.process_time() - begin
-    sys.stdout.write(f"hall_os0, 0.05 m: {grid.cell_count():,} cells fitted in {took:.2f} s CPU\n")
+    for neighbours in (False, True):
+        begin = time.process_time()
+        grid.calibrated(neighbours=neighbours)
+        took = time.process_time() - begin
+        how = " with neighbours" if neighbours else ""
+        sys.stdout.write(
+            f"hall_os0, 0.05 m: {grid.cell_count():,} cells fitted{how} in {took:.2f} s CPU\n"
+        )
+        sys.stdout.flush()
     for name in LOGS:
         path, resolution = LOGS[name]
         if path.startswith("laser2d"):

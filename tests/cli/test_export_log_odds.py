@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import oddsmap
+from oddsmap.odds import sigmoid
 from tests.cli.conftest import Run
 
 
@@ -210,3 +211,51 @@ def test_wrong_limits(
     source, name, *options = words
     assert message in run("export", maps / str(source), tmp_path / str(name), *options).line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["hall", "space"])
+def test_calibrated_with_neighbours(run: Run, maps: Path, tmp_path: Path, name: str) -> None:
+    source, words = maps / f"{name}.zarr", ("--posterior", "calibrated", "--neighbours")
+    assert run("export", source, tmp_path / "m.npz", *words).status == 0
+    grid = oddsmap.load_map(source)
+    view = grid.calibrated(neighbours=True)
+    with np.load(tmp_path / "m.npz") as arrays:
+        index, seen = arrays["index"], arrays["observed"]
+        assert np.array_equal(index[seen], grid.cells()[0])
+        assert (~seen).sum() > 10
+        want = sigmoid(view.log_odds_at(index))
+        assert np.allclose(arrays["probability"], want, atol=1e-6)
+        alpha, beta, _ = view.reflectivity.parameters_at(index)
+        assert np.allclose(arrays["reflectivity"], alpha / (alpha + beta), atol=1e-6)
+        assert not (arrays["hits"] + arrays["passes"])[~seen].any()
+    # Without it, other probabilities, and no cell that was not seen.
+    assert run("export", source, tmp_path / "plain.npz", *words[:2]).status == 0
+    with np.load(tmp_path / "plain.npz") as arrays:
+        assert np.array_equal(arrays["index"], grid.cells()[0])
+        assert not np.allclose(arrays["probability"], want[seen])
+    # A prior map is that of cells not seen, too.
+    prior = ("--prior", maps / ("old.zarr" if name == "hall" else "before.zarr"))
+    assert run("export", source, tmp_path / "p.npz", *words, *prior).status == 0
+    with np.load(tmp_path / "p.npz") as arrays:
+        assert np.array_equal(arrays["index"], index)
+        before = oddsmap.load_map(prior[1])
+        want = sigmoid(grid.calibrated(neighbours=True, prior=before).log_odds_at(index))
+        assert np.allclose(arrays["probability"], want, atol=1e-6)
+
+
+def test_ros_maps_with_neighbours_keep_what_is_unknown(
+    run: Run, maps: Path, tmp_path: Path
+) -> None:
+    words = (tmp_path / "m.yaml", "--posterior", "calibrated", "--neighbours")
+    assert run("export", maps / "hall.zarr", *words).status == 0
+    view = oddsmap.load_map(maps / "hall.zarr").calibrated(neighbours=True)
+    state = oddsmap.load_ros(tmp_path / "m.yaml").state()
+    assert (state[~view.observed()] == -1).all()
+    assert np.array_equal(state == 100, view.state() == 100)
+
+
+def test_neighbours_are_the_calibrated_views(run: Run, maps: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.npz"
+    line = run("export", maps / "hall.zarr", out, "--neighbours").line
+    assert line == "--neighbours belongs to --posterior calibrated, not to log-odds"
+    assert not out.exists()

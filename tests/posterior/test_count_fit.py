@@ -10,6 +10,7 @@ import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import betaln
 
 from oddsmap import EvidenceMap
 from oddsmap.array_types import FloatArray
@@ -80,6 +81,34 @@ def test_the_beta_prior_is_found_again() -> None:
     alpha, beta = fit_beta(pairs_of(hits, 30.0 - hits))
     assert alpha == pytest.approx(0.05, rel=0.03)
     assert beta == pytest.approx(0.8, rel=0.05)
+
+
+@given(
+    cells=st.lists(
+        st.tuples(st.integers(0, 40) | st.just(0.25), st.integers(0, 40), st.integers(1, 10**6)),
+        min_size=1,
+        max_size=8,
+    )
+)
+@settings(max_examples=40, deadline=None)
+def test_no_beta_prior_is_better_than_the_fitted_one(cells: list[tuple[float, int, int]]) -> None:
+    """Of 9 x 9 around it, near and far, with SciPy's distribution; it is the only optimum."""
+    hits, passes, count = np.array([c for c in cells if c[0] + c[1]] or [(1, 0, 1)], float).T
+
+    def log_p(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+        rise = betaln(alpha[..., None] + hits, beta[..., None] + passes)
+        rise -= betaln(alpha, beta)[..., None]
+        off = np.log(alpha / count_fit.BETA[0]) ** 2 + np.log(beta / count_fit.BETA[1]) ** 2
+        return np.asarray((rise * count).sum(axis=-1) - off / (2.0 * count_fit._PRIOR_SD**2))
+
+    found = np.array(fit_beta(CountPairs(hits, passes, count)))
+    best = log_p(*found)
+    for step in (0.001, 0.1, 1.0, 3.0):
+        factors = np.exp(np.arange(-4, 5) * step)
+        a, b = (np.clip(x * factors, 1e-4, 1e3) for x in found)
+        others = log_p(*np.meshgrid(a, b))
+        # As exactly as differences of gamma functions of a thousand are known.
+        assert others.max() <= best + 1e-9 * count.sum()
 
 
 def test_the_fit_is_that_of_the_oracle(monkeypatch: pytest.MonkeyPatch) -> None:

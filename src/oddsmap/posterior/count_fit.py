@@ -7,12 +7,13 @@ keep parameters that the counts say nothing of where they are for most maps. Sum
 one order and without BLAS, whose threads may change the last digit.
 
 Source: Minka, Estimating a Dirichlet distribution (2000), for the likelihood of beta-binomial
-counts. Its optimiser is L-BFGS-B (Byrd, Lu, Nocedal, Zhu 1995) on exact gradients: iterating
-Minka's fixed points takes ten times as long, and Newton's steps can leave the domain.
+counts and its derivatives. Its optimiser is Newton's method on logarithms, damped as by Levenberg
+and Marquardt, for plain steps can leave the domain; iterating Minka's fixed points takes long.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -33,6 +34,12 @@ BETA = (0.02, 1.0)
 _BETA_LIMITS = (1e-4, 1e3)
 # Standard deviation of the priors of logits and logarithms.
 _PRIOR_SD = 1.5
+# Steps of their fit, and from how small a one on it ends.
+_MOST_TRIES, _LEAST_STEP = 200, 1e-9
+
+_Pair = tuple[float, float]
+_Quadratic = tuple[float, _Pair, tuple[float, float, float]]
+"""A value, its slopes along both axes, and its bends: along the first, the second, and mixed."""
 
 
 def fit_beta(pairs: CountPairs, expected: tuple[float, float] = BETA) -> tuple[float, float]:
@@ -46,20 +53,14 @@ def fit_beta(pairs: CountPairs, expected: tuple[float, float] = BETA) -> tuple[f
         Weights of hits and of passes [votes].
     """
     table = _Tables(pairs)
-    start = np.log(expected)
+    start = (math.log(expected[0]), math.log(expected[1]))
 
-    def cost(logs: FloatArray) -> tuple[float, FloatArray]:
-        alpha, beta = np.exp(logs)
-        log_p, by_alpha, by_beta = table.log_beta_binomial(alpha, beta)
-        value = float((table.cells * log_p).sum())
-        slope = np.array(
-            [(table.cells * by_alpha).sum() * alpha, (table.cells * by_beta).sum() * beta]
-        )
-        return _with_prior(value, slope, logs, start, table.total)
+    def cost(logs: _Pair) -> _Quadratic:
+        return _with_prior(table.log_beta_binomial(*logs), logs, start, table.total)
 
-    low, high = np.log(_BETA_LIMITS)
-    alpha, beta = np.exp(_minimum(cost, start, [(low, high)] * 2))
-    return float(alpha), float(beta)
+    low, high = map(math.log, _BETA_LIMITS)
+    log_a, log_b = _minimum(cost, start, low, high)
+    return math.exp(log_a), math.exp(log_b)
 
 
 def fit_model(
@@ -143,46 +144,97 @@ class _Tables:
         self._passes, self._pass = np.unique(pairs.passes, return_inverse=True)
         self._sums, self._sum = np.unique(pairs.hits + pairs.passes, return_inverse=True)
 
-    def log_beta_binomial(
-        self, alpha: float, beta: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Log probability of each pair, and its derivatives by alpha and beta."""
-        from scipy.special import digamma, gammaln
+    def log_beta_binomial(self, log_alpha: float, log_beta: float) -> _Quadratic:
+        """Log probability of all counts, and its derivatives by log alpha and log beta."""
+        from scipy.special import digamma, gammaln, zeta
 
-        def rise(
-            function: Callable[[FloatArray], FloatArray], first: float, n: FloatArray
-        ) -> FloatArray:
-            return np.asarray(function(first + n) - function(np.array(first)))
+        def trigamma(x: FloatArray) -> FloatArray:
+            return np.asarray(zeta(2.0, x))
 
-        total = alpha + beta
-        of_sum = rise(gammaln, total, self._sums)[self._sum]
-        log_p = rise(gammaln, alpha, self._hits)[self._hit] - of_sum
-        log_p += rise(gammaln, beta, self._passes)[self._pass]
-        common = rise(digamma, total, self._sums)[self._sum]
-        by_alpha = rise(digamma, alpha, self._hits)[self._hit] - common
-        by_beta = rise(digamma, beta, self._passes)[self._pass] - common
-        return log_p, by_alpha, by_beta
+        alpha, beta = math.exp(log_alpha), math.exp(log_beta)
+        of = []
+        for function in (gammaln, digamma, trigamma):
+            parts = (
+                (alpha, self._hits, self._hit),
+                (beta, self._passes, self._pass),
+                (alpha + beta, self._sums, self._sum),
+            )
+            of.append(
+                [
+                    float((self.cells * (function(x + n) - function(np.array(x)))[which]).sum())
+                    for x, n, which in parts
+                ]
+            )
+        (hit, passed, both), (by_hit, by_pass, by_both), (bend_hit, bend_pass, bend_both) = of
+        slope = (alpha * (by_hit - by_both), beta * (by_pass - by_both))
+        bend = (
+            slope[0] + alpha**2 * (bend_hit - bend_both),
+            slope[1] + beta**2 * (bend_pass - bend_both),
+            -alpha * beta * bend_both,
+        )
+        return hit + passed - both, slope, bend
 
 
-def _with_prior(
-    value: float, slope: FloatArray, at: FloatArray, start: FloatArray, total: float
-) -> tuple[float, FloatArray]:
-    """Cost per cell and its gradient, with the Gaussian priors around where parameters start."""
-    off = (at - start) / _PRIOR_SD
-    scale = 1.0 / max(total, 1.0)
-    return (0.5 * float(off @ off) - value) * scale, (off / _PRIOR_SD - slope) * scale
+def _with_prior(likely: _Quadratic, at: _Pair, start: _Pair, total: float) -> _Quadratic:
+    """Cost per cell and its derivatives, with Gaussian priors around where parameters start."""
+    value, slope, bend = likely
+    off = (at[0] - start[0], at[1] - start[1])
+    scale, weight = 1.0 / max(total, 1.0), 1.0 / _PRIOR_SD**2
+    return (
+        (0.5 * weight * (off[0] ** 2 + off[1] ** 2) - value) * scale,
+        ((weight * off[0] - slope[0]) * scale, (weight * off[1] - slope[1]) * scale),
+        ((weight - bend[0]) * scale, (weight - bend[1]) * scale, -bend[2] * scale),
+    )
 
 
-def _minimum(
-    cost: Callable[[FloatArray], tuple[float, FloatArray]],
-    start: FloatArray,
-    limits: list[tuple[float, float]],
-) -> FloatArray:
-    from scipy.optimize import minimize
+def _minimum(cost: Callable[[_Pair], _Quadratic], start: _Pair, low: float, high: float) -> _Pair:
+    """Where a cost of two parameters is least, both between the same limits.
 
-    options = {"ftol": 1e-12, "gtol": 1e-9, "maxiter": 1000}
-    found = minimize(cost, start, jac=True, bounds=limits, method="L-BFGS-B", options=options)
-    return np.asarray(found.x, np.float64)
+    Without an optimiser of SciPy: for two parameters its threads take far more CPU than its steps.
+    """
+    at, damping = start, 1e-3
+    value, slope, bend = cost(at)
+    for _ in range(_MOST_TRIES):
+        step = _newton(slope, bend, damping, _held(at, slope, low, high))
+        new = tuple(min(max(x + d, low), high) for x, d in zip(at, step, strict=True))
+        moved = max(abs(new[0] - at[0]), abs(new[1] - at[1]))
+        found = cost((new[0], new[1]))
+        if found[0] <= value:
+            at, (value, slope, bend) = (new[0], new[1]), found
+            damping = max(damping / 10.0, 1e-12)
+        else:
+            damping *= 10.0
+        if moved < _LEAST_STEP:
+            break
+    return at
+
+
+def _held(at: _Pair, slope: _Pair, low: float, high: float) -> tuple[bool, bool]:
+    """Which parameters lie at a limit and would leave it."""
+    first, second = (
+        (x <= low and by > 0.0) or (x >= high and by < 0.0) for x, by in zip(at, slope, strict=True)
+    )
+    return first, second
+
+
+def _newton(
+    slope: _Pair, bend: tuple[float, float, float], damping: float, held: tuple[bool, bool]
+) -> _Pair:
+    """A step downhill, of at most 1 along each axis."""
+    (g0, g1), (a, b, c) = slope, bend
+    if held[0] or held[1]:
+        c = 0.0
+    # As much more curvature as makes it positive whichever way one goes.
+    least = 0.5 * (a + b - math.hypot(a - b, 2.0 * c))
+    more = damping * max(abs(a), abs(b)) + max(0.0, -2.0 * least) + 1e-300
+    a, b = a + more, b + more
+    det = a * b - c * c
+    steps = ((c * g1 * (not held[1]) - b * g0) / det, (c * g0 * (not held[0]) - a * g1) / det)
+    longest = max(1.0, abs(steps[0]) * (not held[0]), abs(steps[1]) * (not held[1]))
+    return (
+        0.0 if held[0] else steps[0] / longest,
+        0.0 if held[1] else steps[1] / longest,
+    )
 
 
 def _logit(p: float) -> float:
