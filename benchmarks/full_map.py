@@ -350,6 +350,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write the results there as well")
     parser.add_argument("--quick", action="store_true", help="smaller logs, one seed of each case")
     parser.add_argument("--part", action="append", choices=PARTS, help="this alone; repeatable")
+    parser.add_argument("--case", action="append", choices=CASES, help="accuracy: this alone")
+    parser.add_argument("--full-maps", action="store_true", help="accuracy: full maps alone")
     parser.add_argument("--large-log", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.large_log is not None:
@@ -359,7 +361,7 @@ def main() -> None:
         "speed": lambda: speed(options.quick),
         "online": lambda: online(options.quick),
         "memory": lambda: memory(options.quick),
-        "accuracy": lambda: _accuracy(options.data, options.quick),
+        "accuracy": lambda: _accuracy(options),
     }
     result: Result = {
         "machine": machine(),
@@ -372,12 +374,13 @@ def main() -> None:
         options.json.write_text(json.dumps(result, indent=2) + "\n")
 
 
-def _accuracy(data: Path, quick: bool) -> object:
-    folder = data / "sonar_bench"
+def _accuracy(options: argparse.Namespace) -> object:
+    folder = options.data / "sonar_bench"
     if not folder.is_dir():
         return f"SKIPPED: {folder} is not there (--data DIR)"
-    names = CASES[:1] if quick else CASES
-    return {"log loss / ECE / IoU": score_all(folder, names, quick)}
+    names = options.case or (CASES[:1] if options.quick else CASES)
+    table = score_all(folder, names, options.quick, full_maps_alone=options.full_maps)
+    return {"log loss / ECE / IoU": table}
 
 
 if __name__ == "__main__":

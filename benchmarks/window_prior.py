@@ -37,7 +37,7 @@ from oddsmap.full_map import window_prior
 from oddsmap.full_map.window_prior import kinds_of_windows, lines_of
 from oddsmap.simulate import Sonar2D
 
-__all__ = ["learn"]
+__all__ = ["learn", "training_maps"]
 
 FloatArray = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -113,7 +113,8 @@ def _regression(features: FloatArray, counts: FloatArray, ridge: float) -> Float
     return potentials
 
 
-def _training_maps() -> Iterable[Bools]:
+def training_maps() -> Iterable[Bools]:
+    """The worlds that the shipped table is learnt from, without their outer walls."""
     for family in FAMILIES:
         for seed in SEEDS:
             yield cells_of(world(family, seed))[_EDGE:-_EDGE, _EDGE:-_EDGE]
@@ -159,7 +160,7 @@ def main() -> None:
     if parser.parse_args().strength:
         _try_strengths()
         return
-    print("\n".join(lines_of(learn(_training_maps()))))
+    print("\n".join(lines_of(learn(training_maps()))))
 
 
 if __name__ == "__main__":

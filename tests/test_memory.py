@@ -51,6 +51,9 @@ WORKLOADS: dict[str, Workload] = {
             ("sum-product", "gibbs", "map"), ("sequential", "chunks", "parallel")
         )
     },
+    "full maps, windows": kit.full_maps(
+        kit.few, SONAR, method="gibbs", prior_model="windows", sweeps=2
+    ),
     "full maps of space": kit.full_maps(kit.tof, TOF, sweeps=1),
     "full map, samples": kit.sampling,
     "full map, online, anew": kit.online_anew,

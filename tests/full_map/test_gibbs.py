@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from functools import cache
 
@@ -15,7 +16,8 @@ from oddsmap.forward.model import ForwardModel
 from oddsmap.forward.occupancy_box import Window
 from oddsmap.full_map.exact import ExactPosterior
 from oddsmap.full_map.factor_graph import FactorGraph, log_joint
-from oddsmap.full_map.gibbs import gibbs, hill_climb
+from oddsmap.full_map.gibbs import conditional_log_odds, gibbs, hill_climb
+from oddsmap.full_map.window_prior import Windows, potentials
 from oddsmap.kernels.infer.beam_factor import BeamRows
 
 SHAPE = (3, 3)
@@ -160,3 +162,13 @@ def test_bad_input() -> None:
         FactorGraph(graph.rows, graph.noise, np.ones(1), graph.neighbours[:4])
     with pytest.raises(InputError, match="detection is one number or one for each of 9 cells"):
         FactorGraph(graph.rows, graph.noise, np.ones(3), graph.neighbours)
+
+
+def test_a_prior_on_windows_is_for_gibbs_alone() -> None:
+    graph, _ = world()
+    windows = Windows(np.empty(0, np.int32), np.empty((0, 9), np.int32), potentials())
+    other = dataclasses.replace(graph, windows=windows)
+    with pytest.raises(ConfigError, match=r"the steps of hill climbing know .* one on windows"):
+        hill_climb(other)
+    with pytest.raises(ConfigError, match=r"conditional log odds know .* one on windows"):
+        conditional_log_odds(other, np.zeros(CELLS, np.bool_))

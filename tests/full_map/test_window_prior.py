@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.window_prior import learn
+from benchmarks.window_prior import learn, training_maps
 from benchmarks.window_worlds import FAMILIES, cells_of, world
 from oddsmap import open_log
 from oddsmap.array_types import FloatArray
@@ -18,6 +18,7 @@ from oddsmap.config.full_map import FullMapConfig
 from oddsmap.errors import ConfigError
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.full_map import gibbs_chains as chains
+from oddsmap.full_map import window_prior
 from oddsmap.full_map.estimator import FullMapEstimator, build_full_map
 from oddsmap.full_map.full_map import load_full_map
 from oddsmap.full_map.window_prior import (
@@ -100,6 +101,12 @@ def test_learning_from_a_few_worlds() -> None:
     lines = lines_of(found)
     assert len(lines) == 102
     assert lines[0].startswith("... ... ... ")
+
+
+@pytest.mark.slow
+def test_the_shipped_table_is_what_the_script_prints() -> None:
+    """90 worlds, about 20 s of CPU time."""
+    assert "\n".join(lines_of(learn(training_maps()))) == window_prior.TABLE.strip()
 
 
 # ---- windows of a field ------------------------------------------------------------------------

@@ -48,7 +48,9 @@ def angle(pose: Pose2, way: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -
 
 
 def test_mirrors_are_told() -> None:
-    found = calibrate(rings(Sonar2D(), mirrors=True), CELL, sensor=SENSOR, noise_only=True)
+    found = calibrate(
+        rings(Sonar2D(), mirrors=True), CELL, sensor=SENSOR, noise_only=True, updates=4
+    )
     assert found.mirrors is not None
     assert found.mirrors.by_incidence
     (warning,) = found.warnings
@@ -64,7 +66,7 @@ def test_dropouts_in_runs_are_told() -> None:
         )
         for scan in rings(Sonar2D(), mirrors=False)
     ]
-    found = calibrate(scans, CELL, sensor=SENSOR, noise_only=True)
+    found = calibrate(scans, CELL, sensor=SENSOR, noise_only=True, updates=4)
     assert found.mirrors is not None
     assert found.mirrors.in_runs
     assert not found.mirrors.by_incidence
@@ -74,7 +76,7 @@ def test_dropouts_in_runs_are_told() -> None:
 @pytest.mark.parametrize("rates", [(0.0, 0.0), (0.05, 0.3), (0.2, 0.1)])
 def test_ordinary_dropouts_and_random_readings_are_not(rates: tuple[float, float]) -> None:
     sonar = Sonar2D(p_random=rates[0], p_dropout=rates[1])
-    found = calibrate(rings(sonar, mirrors=False), CELL, sensor=SENSOR, noise_only=True)
+    found = calibrate(rings(sonar, mirrors=False), CELL, sensor=SENSOR, noise_only=True, updates=4)
     assert found.mirrors is not None
     assert found.warnings == ()
     assert not found.mirrors.in_runs

@@ -2,9 +2,9 @@
 """Gibbs sampling and hill climbing over maps: the reference, and the most probable map.
 
 Both work on the same factors as message passing: the beams' forward model and a prior on pairs of
-neighbours; Gibbs sampling under a prior on windows, too. It is exact in the limit of many sweeps
-and gives whole maps drawn from the joint posterior; hill climbing ends in a map that no single cell
-can improve.
+neighbours. Gibbs sampling, which also knows a prior on windows, is exact in the limit of many
+sweeps and gives whole maps drawn from the joint posterior. Hill climbing ends in a map that no
+single cell can improve.
 
 Source: Geman and Geman, Stochastic relaxation, Gibbs distributions, and the Bayesian restoration of
 images (1984); Besag, On the statistical analysis of dirty pictures (1986); Thrun, Burgard, Fox:
@@ -141,11 +141,12 @@ def hill_climb(
         max_sweeps: when to stop at the latest.
 
     Raises:
-        ConfigError: no sweep.
+        ConfigError: no sweep, or a prior on windows.
         InputError: a start of another shape.
     """
     from oddsmap.kernels.infer.cell_flips import climb_sweep
 
+    _refuse_windows(graph, "the steps of hill climbing")
     if max_sweeps < 1:
         raise ConfigError(f"hill climbing takes max_sweeps >= 1, got {max_sweeps}")
     bins, of_cells, state = begin(graph, start)
@@ -164,10 +165,12 @@ def conditional_log_odds(graph: FactorGraph, occupied: BoolArray) -> FloatArray:
     """Log odds of each cell given all others as they are in a map, shape (cells,).
 
     Raises:
+        ConfigError: a prior on windows.
         InputError: a map of another shape.
     """
     from oddsmap.kernels.infer.cell_flips import conditional
 
+    _refuse_windows(graph, "conditional log odds")
     bins, of_cells, state = begin(graph, occupied)
     odds = np.empty(graph.cell_count)
     conditional(
@@ -175,3 +178,11 @@ def conditional_log_odds(graph: FactorGraph, occupied: BoolArray) -> FloatArray:
         state, odds,
     )  # fmt: skip
     return odds
+
+
+def _refuse_windows(graph: FactorGraph, what: str) -> None:
+    if graph.windows is not None:
+        raise ConfigError(
+            f"{what} know the prior on pairs of neighbours alone, and this graph has one on "
+            "windows: draw from it by `gibbs`"
+        )

@@ -13,9 +13,7 @@ from oddsmap.full_map.window_prior import Windows
 
 __all__ = ["Chain", "chain_of"]
 
-
-# What the sweeps of the burn-in found free or occupied all but for this, the later ones draw every
-# so often.
+# A cell that the burn-in found free or occupied to within _SURE is drawn in every _SELDOM-th sweep.
 _SURE, _SELDOM = 1e-3, 5
 
 

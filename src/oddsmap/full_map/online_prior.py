@@ -17,9 +17,9 @@ _MAX_PASSES = 40
 def settle_new_blocks(field: CellField, first: int, coupling: float, tolerance: float) -> None:
     """Pass messages between the cells of new blocks until they rest.
 
-    Under a strong coupling unseen cells come to agree that they are free. The first beam that
-    meets them is explained by that prior, not by the one of single cells, under which hundreds of
-    cells of a half share a cone.
+    Under a strong coupling unseen cells come to agree that they are free. Without it the first beam
+    that meets them would find hundreds of cells of about 1/2 in its cone, and a long free one would
+    look like a dropout.
 
     Args:
         field: the cells, changed in place.

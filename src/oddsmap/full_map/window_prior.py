@@ -22,7 +22,15 @@ from oddsmap.array_types import FloatArray
 from oddsmap.forward.cell_grid import CellField
 from oddsmap.kernels.infer.beam_factor import BeamRows
 
-__all__ = ["STRENGTH", "Windows", "kinds_of_windows", "lines_of", "potentials", "windows_of"]
+__all__ = [
+    "STRENGTH",
+    "TABLE",
+    "Windows",
+    "kinds_of_windows",
+    "lines_of",
+    "potentials",
+    "windows_of",
+]
 
 STRENGTH = 0.65
 """Share of the learnt potentials that is used."""
@@ -30,7 +38,7 @@ STRENGTH = 0.65
 _WINDOWS = 512
 
 # A window of each kind, row by row, and its potential: more is more often.
-_TABLE = """
+TABLE = """
 ... ... ...   1.15
 #.. ... ...   0.80
 .#. ... ...  -0.54
@@ -182,7 +190,7 @@ def potentials() -> FloatArray:
 
     Bit 3 y + x of a window's number is its cell in column x and row y.
     """
-    values = [float(line.rsplit(maxsplit=1)[1]) for line in _TABLE.strip().splitlines()]
+    values = [float(line.rsplit(maxsplit=1)[1]) for line in TABLE.strip().splitlines()]
     return STRENGTH * np.array(values)[kinds_of_windows()]
 
 

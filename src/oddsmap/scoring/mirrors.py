@@ -25,7 +25,8 @@ from oddsmap.forward.beams import Beams
 __all__ = ["Mirrors", "look_for_mirrors"]
 
 # On the sonar benchmark both are far above in E6 and near nothing elsewhere: see the table in
-# docs/method/full-map.md. Fewer dropouts than a twentieth are chance, or errors of the map.
+# docs/method/full-map.md, which `benchmarks/mirrors.py` prints. Fewer dropouts than a twentieth are
+# chance, or errors of the map.
 _CORRELATED, _FEWEST_DROPOUTS = 0.15, 0.05
 _FALL, _SURE = 0.08, 3.0
 _FEWEST = 50
@@ -97,8 +98,8 @@ class Mirrors:
             return ""
         return (
             f"the walls look like mirrors: {'; '.join(seen)}. The model has no such misses, and "
-            "a map made with these parameters may be worse: compare it with one of detection = "
-            "0.3, p_dropout = 0.3, p_random = 0.1"
+            "the fit puts them elsewhere: compare a map made with these parameters with one of "
+            "detection = 0.3, p_dropout = 0.3, p_random = 0.1, which may be better"
         )
 
 
