@@ -84,12 +84,12 @@ def test_held_out_scans_are_scored_and_were_not_mapped(
 
 
 def test_words(run: Run, sonar: Path, full: Path, tmp_path: Path) -> None:
-    picture = tmp_path / "curve.png"
+    picture = tmp_path / "curve.pdf"
     done = run("score", full, sonar, "--held-out", "--plot", picture)
     assert done.status == 0
     assert "scored    3 scans, 36 beams" in done.out
     assert "nats per beam" in done.out
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.read_bytes().startswith(b"%PDF")
     assert "exists already" in run("score", full, sonar, "--plot", picture).line
     assert run("score", full, sonar, "--plot", picture, "--force").status == 0
 
@@ -182,7 +182,7 @@ def test_wrong_shares(run: Run, sonar: Path, tmp_path: Path, share: float) -> No
 
 
 def test_wrong_words(run: Run, sonar: Path, full: Path, tmp_path: Path) -> None:
-    assert "must have a name that ends in .png" in run("score", full, sonar, "--plot", "a.pdf").line
+    assert "must have a name that ends in .png" in run("score", full, sonar, "--plot", "a.jpg").line
     assert "not a saved map" in run("score", sonar, sonar).line
     assert "no.zarr: no such file" in run("score", tmp_path / "no.zarr", sonar).line
     assert "p_random lies above 0" in (run("score", full, sonar, "--set", "sensor.p_random=0").line)

@@ -12,7 +12,8 @@ from oddsmap import EvidenceMap, build_map
 from oddsmap.array_types import FloatArray
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.forward.model import ForwardModel
-from oddsmap.poses.pose import Pose2
+from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.scan import Scan
 from oddsmap.scoring.count_calibration import _told, calibrate_by_counts, calibrate_narrow
 from oddsmap.scoring.counts_without import CountsWithout, spread_over
@@ -108,3 +109,19 @@ def test_what_is_refused() -> None:
     empty = EvidenceMap(CELL, sensor=SENSOR).log_odds()
     with pytest.raises(InputError, match="no usable scan"):
         calibrate_by_counts(empty, [], SENSOR)
+    of_others = build_map(scans[:1], CELL, sensor=SENSOR).log_odds()
+    with pytest.raises(InputError, match="more votes in a cell than the map"):
+        calibrate_by_counts(of_others, scans, SENSOR)
+
+
+def test_depth_images_are_taken_out_as_they_were_put_in() -> None:
+    camera = PinholeCamera(fx=30.0, fy=30.0, cx=9.5, cy=7.5, width=20, height=16)
+    scans = [
+        DepthScan(Pose3(np.array([x, 0.0, 0.0]), np.eye(3)), np.full((16, 20), 1.5), camera)
+        for x in (0.0, 0.1, 0.2)
+    ]
+    sensor, model = BeamSensor(range_max=4.0), BeamSensor(range_max=4.0).forward_model()
+    view = build_map(scans, CELL, sensor=sensor, method="projective").calibrated()
+    CountsWithout(view, scans, sensor, "projective").settle(model, 1.0, 0)
+    with pytest.raises(InputError, match="another sensor, frame or method"):
+        CountsWithout(view, scans, sensor).settle(model, 1.0, 0)

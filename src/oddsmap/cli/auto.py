@@ -106,7 +106,7 @@ def _by_counts(
     with progress_of_fit(quiet=plan.quiet) as progress:
         return calibrate_by_counts(
             grid.calibrated(), chain.from_iterable(part.log for part in opened.logs), sensor,
-            progress=progress, skipped=skipped,
+            method=plan.method, progress=progress, skipped=skipped,
         )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from oddsmap.cli.options import (
     force_option,
     json_option,
 )
+from oddsmap.cli.picture_options import PICTURES
 from oddsmap.cli.progress import progress_of_scans, working
 from oddsmap.cli.scored_tables import curve_facts, curve_lines
 from oddsmap.cli.setting_layers import read_layers
@@ -98,7 +99,7 @@ def score(
     layers.check_sections("score", "sensor")
     layers.check_values()
     if plot is not None:
-        check_suffix(plot, (".png",), "a picture must have a name that ends in .png")
+        check_suffix(plot, PICTURES, "a picture must have a name that ends in .png, .pdf or .svg")
     check_logs([log])
     check_files([grid, log, truth, *log_options.files(log)], plot, force=force)
     with working(f"loading {grid.name}", quiet=voice.still):

@@ -183,7 +183,10 @@ def _span(counts: IntArray, far: float) -> slice:
 def _cropped(grid: Grid, crop: Sequence[float], size: int | None) -> Layout:
     box = np.asarray(crop, np.float64)
     if box.shape != (4,) or not np.isfinite(box).all() or not (box[:2] < box[2:]).all():
-        raise ConfigError(f"crop is x_min y_min x_max y_max [m], got {[*np.ravel(box)]}")
+        raise ConfigError(
+            "crop is x_min y_min x_max y_max [m], each minimum below its maximum, got "
+            f"{np.ravel(box).tolist()}"
+        )
     if grid.yaw != 0.0:
         raise InputError(f"the map is turned by {grid.yaw:g} rad: its cells make no such crop")
     place = (box.reshape(2, 2) - grid.origin) / grid.resolution

@@ -49,6 +49,7 @@ def calibrate_by_counts(
     scans: Iterable[Measurement],
     sensor: BeamSensor,
     *,
+    method: str = "rays",
     noise_only: bool = False,
     updates: int = 20,
     progress: Callable[[str, float], None] | None = None,
@@ -60,6 +61,7 @@ def calibrate_by_counts(
         view: of the map, by preference the calibrated one.
         scans: those that it was made of; a hundred or two of them are looked at.
         sensor: that they were mapped with: where to start.
+        method: that they were mapped with, see `build_map`.
         noise_only: True: leave the detection probability as it is.
         updates: how many updates there may be of p_random, p_dropout and sigma in a row.
         progress: called after each step with what was done and the mean log likelihood.
@@ -70,7 +72,8 @@ def calibrate_by_counts(
         of `sensor`; what was found is in the notes.
 
     Raises:
-        InputError: no usable scan, no reading is an echo, or other scans predict none.
+        InputError: no usable scan, no reading is an echo, other scans predict none, or the map was
+            not made of these scans.
         ConfigError: the sensor has no range_max, or the map's evidence fades.
         MapTooLargeError: the beams would not fit in memory.
     """
@@ -82,7 +85,7 @@ def calibrate_by_counts(
             "without, and build with the sensor found"
         )
     start = dataclasses.replace(sensor.forward_model(), bin_width=view.resolution / BINS_PER_CELL)
-    work = CountsWithout(view, spread_over(scans), sensor)
+    work = CountsWithout(view, spread_over(scans), sensor, method)
     skipped = work.skipped if skipped is None else skipped
     if work.scans == 0:
         reasons = ", ".join(f"{n} x {why}" for why, n in work.skipped.most_common())

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray
+from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence_map import build_map
 from oddsmap.forward.beam_rows import list_rows
@@ -59,6 +60,11 @@ class CountsWithout:
         view: of a map whose evidence does not fade.
         scans: some of those that it was made of.
         sensor: that they were mapped with.
+        method: likewise, "rays" or "projective".
+
+    Raises:
+        InputError: scans of 2D and 3D; or, from `settle`, a scan has added more to a cell than the
+            map has there.
 
     Attributes:
         beams: those that carry information, at most 20,000.
@@ -67,7 +73,13 @@ class CountsWithout:
         skipped: scans and beams of these that carry no information, by reason.
     """
 
-    def __init__(self, view: CountView, scans: Sequence[Measurement], sensor: BeamSensor) -> None:
+    def __init__(
+        self,
+        view: CountView,
+        scans: Sequence[Measurement],
+        sensor: BeamSensor,
+        method: str = "rays",
+    ) -> None:
         self._view = view
         self._own: list[Evidence] = []
         self._ends: list[int] = []
@@ -83,7 +95,9 @@ class CountsWithout:
             some = slice(None, None, max(1, -(-len(beams) // most)))
             parts.append(Beams(beams.origins[some], beams.directions[some], beams.ranges[some]))
             self._own.append(
-                build_map([scan], view.resolution, sensor=sensor, votes=view.evidence.votes)
+                build_map(
+                    [scan], view.resolution, sensor=sensor, votes=view.evidence.votes, method=method
+                )
             )
             self.scans, total = self.scans + 1, total + len(parts[-1])
             self._ends.append(total)
@@ -147,6 +161,10 @@ class CountsWithout:
         """Log odds of cells, shape (n, d), of the map without what one scan has added."""
         hits, passes = self._view.evidence.tiles.at(index)
         own_hits, own_passes = own.tiles.at(index)
-        return self._view.of_votes(
-            (hits - own_hits) / ONE, (passes - own_passes) / ONE, self._view.prior_at(index)
-        )
+        other_hits, other_passes = hits - own_hits, passes - own_passes
+        if len(index) and min(int(other_hits.min()), int(other_passes.min())) < 0:
+            raise InputError(
+                "a scan has more votes in a cell than the map: the map was made of other scans, or "
+                "with another sensor, frame or method; give the scans and the sensor that made it"
+            )
+        return self._view.of_votes(other_hits / ONE, other_passes / ONE, self._view.prior_at(index))

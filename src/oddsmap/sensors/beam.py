@@ -36,8 +36,8 @@ __all__ = ["NO_RANGE_MAX", "BeamSensor", "check_rates"]
 
 
 NO_RANGE_MAX = (
-    "sensor.range_max is needed by the forward model, got none: set it (--range-max) to the range "
-    "at and beyond which the sensor reports nothing"
+    "sensor.range_max is needed by the forward model, got none: set it (--set sensor.range_max="
+    "METRES) to the range at and beyond which the sensor reports nothing"
 )
 # Range noise of a common lidar [m], for the forward model of a sensor that does not state it.
 _LIDAR_SIGMA = 0.02
