@@ -117,7 +117,12 @@ def calibrate(
     })  # fmt: skip
     for line in lines_of_fit(found):
         voice.say(line)
-    _say_next(voice, output, chosen)
+    more = " --estimator full-map" if chosen == "full-map" else ""
+    voice.say(f"sensor      {output}")
+    voice.say(
+        f"next        oddsmap build {quote(str(log))} --resolution {start.map.resolution:g} "
+        f"--config {quote(str(output))}{more}"
+    )
 
 
 def _read_layers(
@@ -131,9 +136,3 @@ def _read_layers(
         )
     layers.check_values()
     return layers
-
-
-def _say_next(voice: Voice, output: Path, estimator: str) -> None:
-    more = " --estimator full-map" if estimator == "full-map" else ""
-    voice.say(f"sensor      {output}")
-    voice.say(f"next        oddsmap build LOG --resolution M --config {quote(str(output))}{more}")

@@ -72,7 +72,9 @@ def score(
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.png", help="Draw the reliability curve; by default no picture."),
+        typer.Option(
+            metavar="FILE.png|pdf|svg", help="Draw the reliability curve; by default no picture."
+        ),
     ] = None,
     posterior: Annotated[
         str,

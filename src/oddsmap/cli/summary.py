@@ -87,14 +87,15 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
 
 def lines_of_map(facts: dict[str, Any]) -> Iterator[str]:
     """How much a saved map knows, where it is, and what to do next."""
-    flat = "area_m2" in facts
+    flat, posterior = "area_m2" in facts, (facts.get("auto") or {}).get("posterior")
     seen = f"{facts['area_m2']:,.1f} square" if flat else f"{facts['volume_m3']:,.1f} cubic"
     yield (f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
     output = facts["output"]
     yield (f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
     picture = Path(output).with_suffix(".png" if flat else ".ply")
     others = "or .yaml for ROS" if flat else "or .bt; .png with --z-min, --z-max"
-    yield (f"next     oddsmap export {quote(output)} {quote(str(picture))}    ({others})")
+    as_advised = " --posterior calibrated" if posterior == "calibrated" else ""
+    yield f"next     oddsmap export {quote(output)} {quote(str(picture))}{as_advised}    ({others})"
 
 
 # Of each method of a full map: what moves, the unit of its residual, and what gives it more time.
