@@ -31,6 +31,7 @@ HELP = """Write a map as what other software reads: OUT's suffix decides.
   .tif              GeoTIFF, for QGIS and other GIS
   .bt .ot           OctoMap (3D)
   .las .laz .ply    the occupied cells as points (3D)
+  .rrd              a recording of Rerun
 
 \b
   oddsmap export intel.zarr intel.yaml    ROS map_server: YAML and PGM
@@ -72,6 +73,7 @@ MAP may also be the YAML of a ROS map:
   oddsmap export hall.zarr hall.laz       the occupied cells as points;
                                           also .las, .ply
   oddsmap export hall.zarr hall.mcap      OctoMaps and points for RViz
+  oddsmap export hall.zarr hall.rrd       voxels for Rerun
   oddsmap export hall.zarr hall.yaml --z-min 0.2 --z-max 1.8 --ground relative
 """
 
@@ -93,7 +95,8 @@ def export(
         Path,
         typer.Argument(
             metavar="OUT",
-            help=".yaml, .mcap, .bag, .png, .pdf, .svg, .npz, .tif, .bt, .ot, .ply, .las or .laz",
+            help=".yaml, .mcap, .bag, .png, .pdf, .svg, .npz, .tif, .bt, .ot, .ply, .las, .laz or "
+            ".rrd",
         ),
     ],
     format_: Annotated[
@@ -158,8 +161,8 @@ def export(
         float | None,
         typer.Option(
             metavar="PROBABILITY",
-            help="ROS maps, .bt, points: the smallest p of an occupied cell; by default the map's "
-            "posterior.occupied.",
+            help="ROS maps, .bt, points, .rrd: the smallest p of an occupied cell; by default the "
+            "map's posterior.occupied.",
         ),
     ] = None,
     z_min: Annotated[
@@ -210,7 +213,7 @@ def export(
         tuple[float, float, float] | None,
         typer.Option(
             metavar="METRES METRES METRES",
-            help="OctoMap: the point of the map that becomes the origin [m], whole cells away, by "
+            help="OctoMap, .rrd: the point that becomes the origin [m], whole cells away, by "
             "default its own; add it to get the map's coordinates back.",
         ),
     ] = None,
@@ -397,7 +400,7 @@ def _check_suffix(output: Path, stated: Mapping[str, Any]) -> None:
         EXPORTED,
         "the suffix says what to write: .yaml (ROS map), .mcap or .bag (messages of ROS), .png, "
         ".pdf or .svg (picture), .npz (arrays), .tif (GeoTIFF), .bt or .ot (OctoMap), .ply, .las "
-        "or .laz (points); --format ros2-bag makes a folder",
+        "or .laz (points), .rrd (Rerun); --format ros2-bag makes a folder",
     )
     mode = {name: value for name, value in stated.items() if name == "mode"}
     check_format_options(output, kind_of(output, stated), mode)

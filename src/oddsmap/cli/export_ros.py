@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from oddsmap.odds import Thresholds
     from oddsmap.posterior.belief import Belief
 
-__all__ = ["header_of", "write_bag"]
+__all__ = ["header_of", "space_asked_for", "write_bag"]
 
 Options = Mapping[str, Any]
 
@@ -61,7 +61,7 @@ def write_bag(view: Source, output: Path, options: Options, force: bool) -> Writ
 
     limits = thresholds_of(view, options)
     since = view.evidence.config.map.t_ref_ns if isinstance(view, CountView) else None
-    space = _space_of(view, options)
+    space = space_asked_for(view, options)
     if space is None:
         make, notes = _grids(view, options, limits)
     else:
@@ -115,7 +115,7 @@ def _octomaps(
     return space_messages(leaves, space, thresholds=limits, shift=shift), note_of_shift(shift)
 
 
-def _space_of(view: Source, options: Options) -> Belief | VoxelMap | None:
+def space_asked_for(view: Source, options: Options) -> Belief | VoxelMap | None:
     """A 3D map that is to be written as such; None: a plane."""
     from oddsmap.maps.probability_map import ProbabilityMap
     from oddsmap.maps.voxel_map import VoxelMap
