@@ -65,6 +65,29 @@ def test_messages_of_space(run: Run, maps: Path, tmp_path: Path) -> None:
     assert list(messages(tmp_path / "z.mcap")) == ["/map", "/map_cells"]
 
 
+def test_cells_for_foxglove(run: Run, maps: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.mcap"
+    for source, words, topic in (
+        ("hall.zarr", [], "/map_cells"),
+        ("space.zarr", [], "/map_voxels"),
+        ("before.ot", ["--occupied", 0.8], "/map_voxels"),
+        ("space.zarr", ["--z-min", 0, "--free", 0.1], "/map_cells"),
+    ):
+        words = ["--format", "foxglove", "--frame", "odom", "--force", *words]
+        done = run("export", maps / source, out, *words)
+        assert done.status == 0, done.err
+        found = messages(out)
+        assert list(found) == [topic]
+        assert found[topic].frame_id == "odom"
+    for name, rest, message in (
+        ("m.bag", [], "name it .mcap"),
+        ("b.mcap", ["--mode", "raw"], "--mode shapes messages of ROS"),
+        ("b.mcap", ["--free", 0.1], "decide nothing in a Grid"),
+    ):
+        words = ["--format", "foxglove", *rest]
+        assert message in run("export", maps / "hall.zarr", tmp_path / name, *words).line
+
+
 def test_time_of_fading_maps(run: Run, tmp_path: Path) -> None:
     grid = oddsmap.EvidenceMap(0.5, half_life=5.0, t_ref_ns=7_000_000_000)
     grid.add_cells(np.array([[0, 0]]), np.array([65536]), np.array([0]))

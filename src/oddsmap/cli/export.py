@@ -73,6 +73,8 @@ MAP may also be the YAML of a ROS map:
   oddsmap export hall.zarr hall.laz       the occupied cells as points;
                                           also .las, .ply
   oddsmap export hall.zarr hall.mcap      OctoMaps and points for RViz
+  oddsmap export hall.zarr hall.mcap --format foxglove
+                                          all cells, as a VoxelGrid
   oddsmap export hall.zarr hall.rrd       voxels for Rerun
   oddsmap export hall.zarr hall.yaml --z-min 0.2 --z-max 1.8 --ground relative
 """
@@ -100,11 +102,11 @@ def export(
         ),
     ],
     format_: Annotated[
-        Literal["ros2-bag"] | None,
+        Literal["ros2-bag", "foxglove"] | None,
         typer.Option(
             "--format",
-            help="What no suffix says: ros2-bag is a folder with metadata.yaml. By default OUT's "
-            "suffix decides.",
+            help="What no suffix says: ros2-bag is a folder with metadata.yaml, foxglove an .mcap "
+            "with a Grid or VoxelGrid alone. By default OUT's suffix decides.",
         ),
     ] = None,
     mode: Annotated[
@@ -388,6 +390,10 @@ def _check_suffix(output: Path, stated: Mapping[str, Any]) -> None:
     from oddsmap.cli.files import check_suffix
     from oddsmap.errors import ConfigError
 
+    if stated.get("format") == "foxglove":
+        if output.suffix.lower() != ".mcap":
+            raise ConfigError(f"{output}: --format foxglove makes an MCAP: name it .mcap")
+        return
     if "format" in stated:
         if output.suffix.lower() in EXPORTED:
             raise ConfigError(

@@ -12,8 +12,8 @@ from oddsmap.cli.picture_options import OF_PICTURES
 
 __all__ = ["BAGS", "HEIGHTS", "check_format_options", "kind_of"]
 
-BAGS = (".mcap", ".bag", "ros2-bag")
-"""Messages of ROS: a file of ROS 2, a file of ROS 1, a folder of ROS 2."""
+BAGS = (".mcap", ".bag", "ros2-bag", "foxglove")
+"""Messages of ROS: a file of ROS 2, a file of ROS 1, a folder of ROS 2; an MCAP for Foxglove."""
 
 HEIGHTS = ("z_min", "z_max", "ground", "rule", "slab")
 """The options that make a plane of space."""
