@@ -99,7 +99,8 @@ def test_a_bag(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
     assert same(names["grid"], oddsmap.load_map("chosen.zarr"))
 
 
-def test_maps_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def maps_to_write() -> list[str]:
+    """Makes the maps of the page on what is written of maps; its commands."""
     plan, lidar, rng = office_plan(), Lidar2D(), np.random.default_rng(0)
     scans = [lidar.scan(plan, pose, rng) for pose in office_drive(20)]
     oddsmap.build_map(scans, 0.1).save("plan.zarr")
@@ -108,17 +109,31 @@ def test_maps_out(monkeypatch: pytest.MonkeyPatch) -> None:
     oddsmap.build_map(clouds, 0.5).save("space.zarr")
     text = (ROOT / "docs" / "maps-out.md").read_text(encoding="utf-8")
     lines = re.findall(r"\| `(oddsmap [^`]+)` \|", text)
-    assert len(lines) >= 14
+    assert len(lines) >= 16
+    return lines
+
+
+def test_maps_out(monkeypatch: pytest.MonkeyPatch) -> None:
     needs = {".mcap": "rosbags", ".bag": "rosbags", "_bag": "rosbags", ".tif": "rasterio",
              ".laz": "lazrs"}  # fmt: skip
-    for line in lines:
+    for line in maps_to_write():
         output = shlex.split(line)[3]
+        if output.endswith(".rrd"):
+            continue  # by the next test, for its package is large
         missing = [name for end, name in needs.items() if output.endswith(end)]
         if missing and not pytest.importorskip(missing[0]):
             continue
         command(line, monkeypatch)
         assert Path(output).exists()
     page_runs("maps-out.md", monkeypatch)
+
+
+def test_maps_out_to_rerun(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rerun")
+    for line in maps_to_write():
+        if line.endswith(".rrd"):
+            command(line, monkeypatch)
+            assert Path(shlex.split(line)[3]).exists()
 
 
 def test_questions_and_answers(monkeypatch: pytest.MonkeyPatch) -> None:

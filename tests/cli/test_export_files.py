@@ -65,6 +65,29 @@ def test_messages_of_space(run: Run, maps: Path, tmp_path: Path) -> None:
     assert list(messages(tmp_path / "z.mcap")) == ["/map", "/map_cells"]
 
 
+def test_cells_for_foxglove(run: Run, maps: Path, tmp_path: Path) -> None:
+    out = tmp_path / "m.mcap"
+    for source, words, topic in (
+        ("hall.zarr", [], "/map_cells"),
+        ("space.zarr", [], "/map_voxels"),
+        ("before.ot", ["--occupied", 0.8], "/map_voxels"),
+        ("space.zarr", ["--z-min", 0, "--free", 0.1], "/map_cells"),
+    ):
+        words = ["--format", "foxglove", "--frame", "odom", "--force", *words]
+        done = run("export", maps / source, out, *words)
+        assert done.status == 0, done.err
+        found = messages(out)
+        assert list(found) == [topic]
+        assert found[topic].frame_id == "odom"
+    for name, rest, message in (
+        ("m.bag", [], "name it .mcap"),
+        ("b.mcap", ["--mode", "raw"], "--mode shapes messages of ROS"),
+        ("b.mcap", ["--free", 0.1], "decide nothing in a Grid"),
+    ):
+        words = ["--format", "foxglove", *rest]
+        assert message in run("export", maps / "hall.zarr", tmp_path / name, *words).line
+
+
 def test_time_of_fading_maps(run: Run, tmp_path: Path) -> None:
     grid = oddsmap.EvidenceMap(0.5, half_life=5.0, t_ref_ns=7_000_000_000)
     grid.add_cells(np.array([[0, 0]]), np.array([65536]), np.array([0]))
@@ -96,6 +119,28 @@ def test_points(run: Run, maps: Path, tmp_path: Path) -> None:
         one, other = (laspy.read(tmp_path / name) for name in ("m.las", "m.laz"))
         assert np.array_equal(one.xyz, other.xyz)
         assert len(one) > 0
+
+
+def test_rerun(run: Run, maps: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    from tests.map_files.test_rerun_file import read
+
+    def written(source: Path, *words: object) -> dict[str, Any]:
+        done = run("export", source, tmp_path / "m.rrd", *words, "--force")
+        assert done.status == 0, done.err
+        return read(tmp_path / "m.rrd")["/map"]
+
+    view = oddsmap.load_map(maps / "hall.zarr").log_odds(prior=0.3)
+    percent = np.where(view.observed(), np.rint(100 * view.probability()), 255)
+    grid = written(maps / "hall.zarr", "--prior", 0.3)
+    assert np.array_equal(grid["GridMap:data"][0], percent[::-1].ravel())
+    assert "GridMap:data" in written(maps / "space.zarr", "--z-min", 0, "--free", 0.3)
+    p = oddsmap.load_map(maps / "space.zarr").log_odds().cells()[1]
+    voxels = written(maps / "space.zarr", "--occupied", 0.8)
+    assert np.array_equal(voxels["VoxelGridMap:values"], p[p >= 0.8].astype("f4"))
+    assert "VoxelGridMap:values" in written(maps / "before.ot")
+    line = run("export", maps / "hall.zarr", tmp_path / "a.rrd", "--free", 0.1).line
+    assert "decide which voxels an .rrd has" in line
 
 
 @pytest.fixture
@@ -178,7 +223,7 @@ def test_maps_of_others(run: Run, data_folder: Path, tmp_path: Path) -> None:
         ("hall", ["m.png", "--frame", "map"], "--frame names the frame of a map in .mcap"),
         ("hall", ["m.npz", "--stamp", "1"], "--stamp is the time of a map in .mcap"),
         ("hall", ["m.mcap", "--crs", "EPSG:32632"], "--crs says where a .tif, .las or .laz is"),
-        ("space", ["m.ply", "--shift", "1", "0", "0"], "--shift moves an OctoMap, not m.ply"),
+        ("space", ["m.ply", "--shift", "1", "0", "0"], "--shift moves an OctoMap or an .rrd"),
         ("hall", ["m.mcap", "--shift", "1", "0", "0"], "moves an OctoMap, and this map is 2D"),
         ("space", ["m.mcap", "--mode", "raw"], "this map is 3D: leave it out"),
         ("space", ["m.mcap", "--shift", "1", "0", "0", "--z-min", "0"], "make a 2D map"),
@@ -205,7 +250,12 @@ def test_what_does_not_fit(
 
 @pytest.mark.parametrize(
     ("package", "name", "extra"),
-    [("rosbags", "m.mcap", "ros"), ("rasterio", "m.tif", "geo"), ("laspy", "m.laz", "survey")],
+    [
+        ("rosbags", "m.mcap", "ros"),
+        ("rasterio", "m.tif", "geo"),
+        ("laspy", "m.laz", "survey"),
+        ("rerun", "m.rrd", "rerun"),
+    ],
 )
 def test_packages_that_are_missing(
     run: Run, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str,

@@ -134,7 +134,7 @@ def test_wrong_requests_of_maps_of_space(
         ((flat, "a.bt"), "needs a 3D map"),
         ((bt, "a.npz"), "an OctoMap has none"),
         ((bt, "a.ply", "--prior", 0.3), "no counts"),
-        ((tilted_floor, "a.xyz"), ".bt or .ot (OctoMap), .ply, .las or .laz (points)"),
+        ((tilted_floor, "a.xyz"), ".bt or .ot (OctoMap), .ply, .las or .laz (points), .rrd"),
     ):
         source, name, *options = words
         assert message in run("export", source, tmp_path / str(name), *options).line

@@ -18,7 +18,7 @@ __all__ = ["EXPORTED", "BuildPlan", "MapSettings"]
 
 EXPORTED = (
     ".yaml", ".yml", ".mcap", ".bag", ".png", ".pdf", ".svg", ".npz", ".tif", ".tiff", ".bt", ".ot",
-    ".ply", ".las", ".laz",
+    ".ply", ".las", ".laz", ".rrd",
 )  # fmt: skip
 """The suffixes of what `oddsmap export` makes of a map."""
 

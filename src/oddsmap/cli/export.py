@@ -31,6 +31,7 @@ HELP = """Write a map as what other software reads: OUT's suffix decides.
   .tif              GeoTIFF, for QGIS and other GIS
   .bt .ot           OctoMap (3D)
   .las .laz .ply    the occupied cells as points (3D)
+  .rrd              a recording of Rerun
 
 \b
   oddsmap export intel.zarr intel.yaml    ROS map_server: YAML and PGM
@@ -72,6 +73,9 @@ MAP may also be the YAML of a ROS map:
   oddsmap export hall.zarr hall.laz       the occupied cells as points;
                                           also .las, .ply
   oddsmap export hall.zarr hall.mcap      OctoMaps and points for RViz
+  oddsmap export hall.zarr hall.mcap --format foxglove
+                                          all cells, as a VoxelGrid
+  oddsmap export hall.zarr hall.rrd       voxels for Rerun
   oddsmap export hall.zarr hall.yaml --z-min 0.2 --z-max 1.8 --ground relative
 """
 
@@ -93,15 +97,16 @@ def export(
         Path,
         typer.Argument(
             metavar="OUT",
-            help=".yaml, .mcap, .bag, .png, .pdf, .svg, .npz, .tif, .bt, .ot, .ply, .las or .laz",
+            help=".yaml, .mcap, .bag, .png, .pdf, .svg, .npz, .tif, .bt, .ot, .ply, .las, .laz or "
+            ".rrd",
         ),
     ],
     format_: Annotated[
-        Literal["ros2-bag"] | None,
+        Literal["ros2-bag", "foxglove"] | None,
         typer.Option(
             "--format",
-            help="What no suffix says: ros2-bag is a folder with metadata.yaml. By default OUT's "
-            "suffix decides.",
+            help="What no suffix says: ros2-bag is a folder with metadata.yaml, foxglove an .mcap "
+            "with a Grid or VoxelGrid alone. By default OUT's suffix decides.",
         ),
     ] = None,
     mode: Annotated[
@@ -158,8 +163,8 @@ def export(
         float | None,
         typer.Option(
             metavar="PROBABILITY",
-            help="ROS maps, .bt, points: the smallest p of an occupied cell; by default the map's "
-            "posterior.occupied.",
+            help="ROS maps, .bt, points, .rrd: the smallest p of an occupied cell; by default the "
+            "map's posterior.occupied.",
         ),
     ] = None,
     z_min: Annotated[
@@ -210,7 +215,7 @@ def export(
         tuple[float, float, float] | None,
         typer.Option(
             metavar="METRES METRES METRES",
-            help="OctoMap: the point of the map that becomes the origin [m], whole cells away, by "
+            help="OctoMap, .rrd: the point that becomes the origin [m], whole cells away, by "
             "default its own; add it to get the map's coordinates back.",
         ),
     ] = None,
@@ -385,6 +390,10 @@ def _check_suffix(output: Path, stated: Mapping[str, Any]) -> None:
     from oddsmap.cli.files import check_suffix
     from oddsmap.errors import ConfigError
 
+    if stated.get("format") == "foxglove":
+        if output.suffix.lower() != ".mcap":
+            raise ConfigError(f"{output}: --format foxglove makes an MCAP: name it .mcap")
+        return
     if "format" in stated:
         if output.suffix.lower() in EXPORTED:
             raise ConfigError(
@@ -397,7 +406,7 @@ def _check_suffix(output: Path, stated: Mapping[str, Any]) -> None:
         EXPORTED,
         "the suffix says what to write: .yaml (ROS map), .mcap or .bag (messages of ROS), .png, "
         ".pdf or .svg (picture), .npz (arrays), .tif (GeoTIFF), .bt or .ot (OctoMap), .ply, .las "
-        "or .laz (points); --format ros2-bag makes a folder",
+        "or .laz (points), .rrd (Rerun); --format ros2-bag makes a folder",
     )
     mode = {name: value for name, value in stated.items() if name == "mode"}
     check_format_options(output, kind_of(output, stated), mode)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.export_formats import BAGS, check_format_options, kind_of
 from oddsmap.cli.export_plane import write_geotiff, write_picture, write_ros
+from oddsmap.cli.export_rerun import write_rerun
 from oddsmap.cli.export_ros import header_of, write_bag
 from oddsmap.cli.export_sources import open_source, prior_map, prior_of, thresholds_of
 from oddsmap.cli.export_space import write_las, write_octomap, write_ply
@@ -136,5 +137,6 @@ _WRITERS: dict[str, _Writer] = {
     ".ply": write_ply,
     ".las": write_las,
     ".laz": write_las,
+    ".rrd": write_rerun,
     **dict.fromkeys(BAGS, write_bag),
 }

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from oddsmap.odds import Thresholds
     from oddsmap.posterior.belief import Belief
 
-__all__ = ["header_of", "write_bag"]
+__all__ = ["header_of", "space_asked_for", "write_bag"]
 
 Options = Mapping[str, Any]
 
@@ -28,7 +28,12 @@ _Made: TypeAlias = (
     "tuple[Callable[[RosMessages], Iterator[TopicMessage]], tuple[str, ...]]"  # and notes
 )
 
-_KINDS: dict[str, BagKind] = {".mcap": "mcap", ".bag": "bag", "ros2-bag": "ros2-bag"}
+_KINDS: dict[str, BagKind] = {
+    ".mcap": "mcap",
+    ".bag": "bag",
+    "ros2-bag": "ros2-bag",
+    "foxglove": "mcap",
+}
 
 
 def header_of(options: Options, evidence_ns: int | None = None) -> MapHeader:
@@ -61,14 +66,47 @@ def write_bag(view: Source, output: Path, options: Options, force: bool) -> Writ
 
     limits = thresholds_of(view, options)
     since = view.evidence.config.map.t_ref_ns if isinstance(view, CountView) else None
-    space = _space_of(view, options)
-    if space is None:
+    space = space_asked_for(view, options)
+    kind = kind_of(output, options)
+    if kind == "foxglove":
+        make, notes = _cells_alone(view, space, options, limits)
+    elif space is None:
         make, notes = _grids(view, options, limits)
     else:
         make, notes = _octomaps(space, output, options, limits)
-    kind = _KINDS[kind_of(output, options)]
-    save_bag(make, output, kind, header=header_of(options, since), force=force)
+    save_bag(make, output, _KINDS[kind], header=header_of(options, since), force=force)
     return Written([output], notes)
+
+
+def _cells_alone(
+    view: Source, space: Belief | VoxelMap | None, options: Options, limits: Thresholds
+) -> _Made:
+    """The one Grid or VoxelGrid that has all of a map."""
+    from oddsmap.errors import ConfigError, InputError
+    from oddsmap.map_files.grid_messages import MOST_GRID_CELLS, cell_grid, has_cell_grid
+    from oddsmap.map_files.voxel_messages import voxel_messages
+
+    for name in ("mode", "shift"):
+        if name in options:
+            raise ConfigError(
+                f"--{name} shapes messages of ROS; a Grid or VoxelGrid of --format foxglove has "
+                "probabilities, at the map's coordinates"
+            )
+    if space is not None:
+        return voxel_messages(space, thresholds=limits), ()
+    if options.keys() & {"free", "occupied"} and not options.keys() & set(HEIGHTS):
+        raise ConfigError(
+            "--free and --occupied decide nothing in a Grid, which has the probabilities of this "
+            "2D map"
+        )
+    plane, notes = plane_of(view, options)
+    if not has_cell_grid(plane):
+        raise InputError(
+            f"a map of {plane.shape[1]} x {plane.shape[0]} cells, and a Grid lists "
+            f"{MOST_GRID_CELLS:,} at most: make it of a coarser map, crop it, or leave --format "
+            "foxglove out, for an OccupancyGrid"
+        )
+    return lambda messages: iter([cell_grid(plane, messages)]), notes
 
 
 def _grids(view: Source, options: Options, limits: Thresholds) -> _Made:
@@ -115,7 +153,7 @@ def _octomaps(
     return space_messages(leaves, space, thresholds=limits, shift=shift), note_of_shift(shift)
 
 
-def _space_of(view: Source, options: Options) -> Belief | VoxelMap | None:
+def space_asked_for(view: Source, options: Options) -> Belief | VoxelMap | None:
     """A 3D map that is to be written as such; None: a plane."""
     from oddsmap.maps.probability_map import ProbabilityMap
     from oddsmap.maps.voxel_map import VoxelMap

@@ -29,10 +29,12 @@ from oddsmap.odds import State, Thresholds
 __all__ = [
     "MOST_GRID_CELLS",
     "cell_grid",
+    "cell_type",
     "check_plane_size",
     "has_cell_grid",
     "occupancy_grid",
     "occupancy_values",
+    "packed_fields",
     "plane_messages",
 ]
 
@@ -147,31 +149,37 @@ def cell_grid(plane: Plane, messages: RosMessages) -> TopicMessage:
     where the map has no counts.
     """
     ny, nx = plane.shape
-    counts = ("hits", "passes")
-    kept = [name for name in _CELL.names or () if plane.has_counts or name not in counts]
-    kind = np.dtype([(name, _CELL[name]) for name in kept])
+    kind = cell_type(plane.has_counts)
     cells = np.zeros((ny, nx), kind)
     for rows, columns in windows((ny, nx)):
         _fill(cells[slice(*rows), slice(*columns)], plane.part(rows, columns))
-    fields = [
-        messages.make(
-            "foxglove_msgs/PackedElementField", name, at,
-            _UINT8 if kind[name] == np.uint8 else _FLOAT32,
-        )
-        for name, at in zip(kept, _offsets(kind), strict=True)
-    ]  # fmt: skip
     message = messages.make(
         "foxglove_msgs/Grid", messages.stamp(), messages.frame, _pose(plane, messages), nx,
         messages.make("foxglove_msgs/Vector2", plane.resolution, plane.resolution),
-        nx * kind.itemsize, kind.itemsize, fields, cells.reshape(-1).view(np.uint8),
+        nx * kind.itemsize, kind.itemsize, packed_fields(kind, messages),
+        cells.reshape(-1).view(np.uint8),
     )  # fmt: skip
     return TopicMessage("/map_cells", "foxglove_msgs/msg/Grid", message)
 
 
-def _offsets(kind: np.dtype[np.void]) -> list[int]:
-    """Where each field of a cell begins."""
-    sizes = [kind[name].itemsize for name in kind.names or ()]
-    return [sum(sizes[:k]) for k in range(len(sizes))]
+def cell_type(has_counts: bool) -> np.dtype[np.void]:
+    """The fields of a cell of a Grid or VoxelGrid, one after the other."""
+    counts = ("hits", "passes")
+    kept = [name for name in _CELL.names or () if has_counts or name not in counts]
+    return np.dtype([(name, _CELL[name]) for name in kept])
+
+
+def packed_fields(kind: np.dtype[np.void], messages: RosMessages) -> list[Any]:
+    """The same as `foxglove_msgs/PackedElementField`s."""
+    names = kind.names or ()
+    sizes = [kind[name].itemsize for name in names]
+    return [
+        messages.make(
+            "foxglove_msgs/PackedElementField", name, sum(sizes[:k]),
+            _UINT8 if kind[name] == np.uint8 else _FLOAT32,
+        )
+        for k, name in enumerate(names)
+    ]  # fmt: skip
 
 
 def _fill(cells: npt.NDArray[np.void], part: PlanePart) -> None:

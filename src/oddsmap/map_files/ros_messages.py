@@ -26,11 +26,18 @@ _GRID = (
     "uint32 column_count\nfoxglove_msgs/Vector2 cell_size\nuint32 row_stride\n"
     "uint32 cell_stride\nfoxglove_msgs/PackedElementField[] fields\nuint8[] data\n"
 )
+_VOXELS = (
+    "builtin_interfaces/Time timestamp\nstring frame_id\ngeometry_msgs/Pose pose\n"
+    "uint32 row_count\nuint32 column_count\ngeometry_msgs/Vector3 cell_size\n"
+    "uint32 slice_stride\nuint32 row_stride\nuint32 cell_stride\n"
+    "foxglove_msgs/PackedElementField[] fields\nuint8[] data\n"
+)
 _NOT_ALL_HAVE = {
     "octomap_msgs/msg/Octomap": _OCTOMAP,
     "foxglove_msgs/msg/Vector2": _VECTOR2,
     "foxglove_msgs/msg/PackedElementField": _FIELD,
     "foxglove_msgs/msg/Grid": _GRID,
+    "foxglove_msgs/msg/VoxelGrid": _VOXELS,
 }
 
 _MOST_BYTES = 2**31 - 1  # of one message: what all of ROS's middlewares take

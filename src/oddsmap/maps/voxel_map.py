@@ -361,6 +361,21 @@ class VoxelMap(Queries):
 
         save_las(self, Path(path), crs=crs, thresholds=thresholds, force=force)
 
+    def save_rerun(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        thresholds: Thresholds | None = None,
+        shift: tuple[float, float, float] | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write the occupied leaves for Rerun: see `oddsmap.map_files.rerun_file`."""
+        from oddsmap.map_files.octomap_range import shift_of
+        from oddsmap.map_files.rerun_file import save_rerun_space
+
+        moved = None if shift is None else shift_of(shift, self.resolution)
+        save_rerun_space(self, Path(path), thresholds=thresholds, shift=moved, force=force)
+
 
 def load_octomap(path: str | os.PathLike[str]) -> VoxelMap:
     """Read an OctoMap, `.bt` or `.ot`; the content decides, not the name.

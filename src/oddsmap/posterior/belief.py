@@ -380,6 +380,30 @@ class Belief(Queries, Pictured, ABC):
         self._check_space()
         save_las(self, Path(path), crs=crs, thresholds=self.thresholds, force=force)
 
+    def save_rerun(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        shift: tuple[float, float, float] | None = None,
+        force: bool = False,
+    ) -> None:
+        """Write a recording of Rerun: see `oddsmap.map_files.rerun_file`.
+
+        Args:
+            path: the file to write, named `.rrd`.
+            shift: the point of the map that becomes the file's origin [m], a whole number of cells
+                from the map's; None: that itself.
+            force: True where an existing file may be replaced.
+        """
+        from oddsmap.map_files.octomap_range import shift_of
+        from oddsmap.map_files.rerun_file import save_rerun_plane, save_rerun_space
+
+        moved = None if shift is None else shift_of(shift, self.resolution)
+        if self.ndim == 2:
+            save_rerun_plane(self.plane(), Path(path), shift=moved, force=force)
+        else:
+            save_rerun_space(self, Path(path), thresholds=self.thresholds, shift=moved, force=force)
+
     def save_geotiff(
         self, path: str | os.PathLike[str], *, crs: str | None = None, force: bool = False
     ) -> None:
