@@ -272,3 +272,23 @@ def test_occupancy_by_a_map_that_is_right(
     assert set(told["told_by"]) == {"full map", "a constant"}
     assert "no.yaml: no such file" in run(*words, "--truth", tmp_path / "no.yaml").line
     assert str(sonar) in run(*words, "--truth", sonar).line
+
+
+def test_without_range_max_hits_and_passes_are_scored(run: Run, tmp_path: Path) -> None:
+    log, grid = tmp_path / "beams.npz", tmp_path / "m.zarr"
+    rows = [(0.05 * i, 0.0, 0.1 * k, 2.0) for i in range(10) for k in range(60)]
+    np.savez(log, beams=np.array(rows))
+    assert run("build", log, "--resolution", CELL, "--hold-out", 0.2, "-o", grid).status == 0
+    done = run("score", grid, log, "--held-out")
+    assert done.status == 0
+    assert done.out.startswith("beams     not scored: sensor.range_max is needed")
+    assert " votes of these scans in known cells" in done.out
+    found = run("score", grid, log, "--held-out", "--json").json
+    assert found["log_likelihood"] is None
+    assert found["reflection"]["votes"] > 0
+    # What can't be drawn is not left out silently.
+    picture = tmp_path / "p.png"
+    assert run("score", grid, log, "--held-out", "--plot", picture).status == 1
+    assert not picture.exists()
+    limited = run("score", grid, log, "--held-out", "--set", "sensor.range_max=9")
+    assert limited.out.startswith("scored ")

@@ -20,7 +20,6 @@ from oddsmap.cli.options import (
 )
 from oddsmap.cli.picture_options import PICTURES
 from oddsmap.cli.progress import progress_of_scans, working
-from oddsmap.cli.scored_tables import curve_facts, curve_lines
 from oddsmap.cli.setting_layers import read_layers
 from oddsmap.cli.views import check_view, view_of
 from oddsmap.cli.voice import Voice
@@ -28,7 +27,6 @@ from oddsmap.cli.voice import Voice
 if TYPE_CHECKING:
     from oddsmap.config.config import Config
     from oddsmap.posterior.belief import Belief
-    from oddsmap.scoring.held_out import LogScores
 
 __all__ = ["HELP", "score"]
 
@@ -89,11 +87,10 @@ def score(
     verbose: Verbose = False,
 ) -> None:
     """Score a map: see `HELP`."""
-    from oddsmap.cli import scored_occupancy, scored_reflection
+    from oddsmap.cli import scored_beams, scored_occupancy, scored_reflection
     from oddsmap.cli.files import check_files, check_logs, check_suffix
     from oddsmap.scans.note import Note
     from oddsmap.scans.split_log import hold_out
-    from oddsmap.scoring.held_out import score_map
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
     check_view(posterior)
@@ -111,12 +108,12 @@ def score(
     part = whole if every is None else hold_out(whole, every, run)[1]
     sensor = layers.resolve_above(stored, whole).sensor
     with progress_of_scans("scoring", part.scan_count, quiet=voice.still) as progress:
-        scores = score_map(belief, part, sensor, progress=progress)
+        scores = scored_beams.score(belief, part, sensor, plot=plot, progress=progress)
     with working("comparing hits and passes", quiet=voice.still):
         hits = scored_reflection.score(belief, part, sensor)
         cells = None if truth is None else scored_occupancy.score(belief, truth, voice)
-    if plot is not None:
-        _draw(scores, plot, grid, force=force)
+    if plot is not None and not isinstance(scores, str):
+        scored_beams.draw(scores, plot, grid, force=force)
     if any(entry.get("source") == log.name for entry in provenance):
         if not held_out:
             too_good = Note(_TOO_GOOD, code="score.own_log", severity="warning")
@@ -125,21 +122,15 @@ def score(
         voice.note(log, doubt, err=True)
     voice.facts({
         "map": str(grid), "log": str(log), "posterior": posterior, "held_out_every": every,
-        "held_out_run": None if every is None else run, **_facts(scores),
+        "held_out_run": None if every is None else run, **scored_beams.facts(scores),
         **scored_reflection.facts(hits), **scored_occupancy.facts(cells),
     })  # fmt: skip
-    _say(voice, scores)
+    for line in scored_beams.lines(scores):
+        voice.say(line)
     for line in scored_reflection.lines(hits, posterior):
         voice.say(line)
     for line in scored_occupancy.lines(cells, posterior):
         voice.say(line)
-
-
-def _draw(scores: LogScores, plot: Path, grid: Path, *, force: bool) -> None:
-    from oddsmap.scoring.picture import save_reliability_png
-
-    title = f"{grid.name}, {scores.beams:,} beams"
-    save_reliability_png(scores.reliability, plot, title=title, force=force)
 
 
 def _load(path: Path, posterior: str) -> tuple[Belief, Config, list[dict[str, Any]]]:
@@ -177,34 +168,3 @@ def _held_out_of(provenance: list[dict[str, Any]], grid: Path, log: Path) -> tup
         )
     every, run = kept.pop()
     return int(every), int(run)
-
-
-def _facts(scores: LogScores) -> dict[str, Any]:
-    return {
-        "scans": scores.scans,
-        "beams": scores.beams,
-        "no_returns": scores.no_returns,
-        "skipped": dict(scores.skipped),
-        "log_likelihood": scores.log_likelihood,
-        "prior_log_likelihood": scores.prior_log_likelihood,
-        "constant_log_likelihood": scores.constant_log_likelihood,
-        "constant": scores.constant,
-        "ece": scores.ece,
-        "ece_of_bins": scores.ece_of_bins,
-        "reliability": curve_facts(scores.reliability),
-    }
-
-
-def _say(voice: Voice, scores: LogScores) -> None:
-    say = voice.say
-    say(f"scored    {scores.scans:,} scans, {scores.beams:,} beams, {scores.no_returns:,} of them "
-        "no-returns")  # fmt: skip
-    for reason, count in sorted(scores.skipped.items()):
-        say(f"skipped   {count:,} x {reason}")
-    say(f"map       {scores.log_likelihood:+.3f} nats per beam (mean log likelihood)")
-    say(f"constant  {scores.constant_log_likelihood:+.3f} with p = {scores.constant:.2g} in every "
-        "cell, the best there is")  # fmt: skip
-    say(f"prior     {scores.prior_log_likelihood:+.3f} with the map's prior in every cell")
-    say(f"ECE       {scores.ece:.4f} of beam ends, {scores.ece_of_bins:.4f} with all bins alike")
-    for line in curve_lines(scores.reliability):
-        say(line)
