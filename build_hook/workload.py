@@ -19,6 +19,7 @@ from oddsmap.poses.at_times import PoseTrack
 from oddsmap.poses.trajectory import Trajectory
 from oddsmap.posterior.count_pairs import count_pairs
 from oddsmap.posterior.neighbour_codes import TileCodes
+from oddsmap.posterior.neighbour_model import pairs_of_classes
 from oddsmap.readers.carmen_messages import beam_directions
 from oddsmap.readers.lzf import decompress
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
@@ -152,6 +153,7 @@ def _use(grid: oddsmap.EvidenceMap, path: Path) -> None:
     oddsmap.load_map(path, lo=lo, hi=hi)
     loaded.census()
     count_pairs(loaded)
+    pairs_of_classes(loaded)
     loaded.cells()
     loaded.crop(lo, hi).merge(grid)
     loaded.region(lo, hi)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -19,7 +20,7 @@ from oddsmap import ConfigError, EvidenceMap, State, load_map
 from oddsmap.odds import logit, sigmoid
 from oddsmap.posterior.calibrated import Calibrated
 from oddsmap.posterior.neighbour_codes import TileCodes, class_count
-from oddsmap.posterior.neighbour_model import fit_neighbours
+from oddsmap.posterior.neighbour_model import fit_neighbours, pairs_of_classes
 from oddsmap.posterior.neighbour_view import NeighbourView
 from oddsmap.simulate import Lidar2D, Lidar3D, drive3d, office_drive, office_plan, town
 from tests.kit import ONE, add_votes
@@ -87,6 +88,23 @@ def test_classes_are_those_of_sums_over_cells(ndim: int, data: st.DataObject) ->
     if np.prod(hi - lo) < 30_000:
         box = codes.region(lo, hi)
         assert box[tuple((index - lo).T[::-1])].tolist() == want
+
+
+@pytest.mark.parametrize("ndim", [2, 3])
+@given(data=st.data())
+@settings(max_examples=15, deadline=None)
+def test_pairs_of_each_class_are_those_of_its_cells(ndim: int, data: st.DataObject) -> None:
+    votes = {cell: w for cell, w in data.draw(cells_of(ndim)).items() if sum(w)}
+    grid = EvidenceMap(0.1, ndim=ndim)
+    add_votes(grid, votes)
+    counts = {cell: (Fraction(h, ONE), Fraction(p, ONE)) for cell, (h, p) in votes.items()}
+    want = Counter((naive.class_of(counts, cell), *w) for cell, w in votes.items())
+    found = {
+        (code, int(h * ONE), int(p * ONE)): int(n)
+        for code, pairs in enumerate(pairs_of_classes(grid), 1)
+        for h, p, n in zip(pairs.hits, pairs.passes, pairs.cells, strict=True)
+    }
+    assert found == {key: n for key, n in want.items() if key[0] > 0}
 
 
 def test_each_class_is_fitted_to_its_own_cells(monkeypatch: pytest.MonkeyPatch) -> None:

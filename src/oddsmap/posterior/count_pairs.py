@@ -94,6 +94,11 @@ class PairCounter:
             ones = np.ones(np.count_nonzero(rest), np.int64)
             self._merge(hits[rest], passes[rest], ones)
 
+    def add_table(self, table: IntArray) -> None:
+        """Count cells of whole votes: how many, at 256 * hits + passes, shape (65536,)."""
+        self._table += table
+        self._table[0] = 0  # cells without evidence, which tiles hold among the others
+
     def add_map(self, part: Evidence) -> None:
         """Count the known cells of a part of a map."""
         from oddsmap.kernels.vote.pair_table import tabulate_pairs

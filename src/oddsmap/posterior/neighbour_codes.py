@@ -25,7 +25,7 @@ from oddsmap.array_types import IntArray
 from oddsmap.evidence.tiles import TileStore, distinct_rows
 from oddsmap.kernels.query.neighbours import REACH, classify_neighbours
 
-__all__ = ["NOTHING_SEEN", "TileCodes", "class_count", "row_count"]
+__all__ = ["NOTHING_SEEN", "Codes", "TileCodes", "class_count", "row_count"]
 
 Codes = npt.NDArray[np.uint8]
 

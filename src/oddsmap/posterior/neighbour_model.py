@@ -15,16 +15,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from oddsmap.array_types import IntArray
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.posterior.count_fit import fit_beta, fit_model
 from oddsmap.posterior.count_model import CountModel
 from oddsmap.posterior.count_pairs import CountPairs, PairCounter, few_pairs
-from oddsmap.posterior.neighbour_codes import TileCodes, class_count, row_count
+from oddsmap.posterior.neighbour_codes import Codes, TileCodes, class_count, row_count
 
-__all__ = ["NeighbourModel", "fit_neighbours"]
+__all__ = ["NeighbourModel", "fit_neighbours", "pairs_of_classes"]
 
 # A class is fitted to no more pairs of counts than this.
 _FEW_PAIRS = 2000
+# Tiles that are looked at together: half a million cells in space, a million in the plane.
+_TILES = 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,7 @@ def fit_neighbours(
         occupancy: what was fitted to all of its cells.
         reflectivity: likewise.
     """
-    pairs = _pairs_of_classes(evidence)
+    pairs = pairs_of_classes(evidence)
     columns = len(pairs) // row_count()
     models, betas = [occupancy], [reflectivity]
     for row in range(row_count()):
@@ -72,16 +75,30 @@ def _fitted(
     return fit_model(few, model), fit_beta(few, beta)
 
 
-def _pairs_of_classes(evidence: Evidence) -> list[CountPairs]:
+def pairs_of_classes(evidence: Evidence) -> list[CountPairs]:
     """The counts of the cells of each class, but those around which nothing was seen."""
+    from oddsmap.kernels.vote.pair_table import tabulate_classes
+
     found = [PairCounter() for _ in range(class_count(evidence.ndim) + 1)]
-    codes = TileCodes(evidence.tiles)
-    for index, hits, passes in evidence.tiles.parts():
-        code = codes.at(index)
-        for which in np.unique(code):
-            chosen = code == which
-            found[which].add(hits[chosen], passes[chosen])
+    tiles, codes = evidence.tiles, TileCodes(evidence.tiles)
+    table = np.zeros((len(found), 1 << 16), np.int64)  # of whole votes below 256
+    for first in range(0, tiles.count, _TILES):
+        code = codes.of_tiles(tiles.coords[first : first + _TILES])
+        tabulate_classes(tiles.arrays, first, code, table)
+        wide = np.flatnonzero(tiles.arrays.wide_of[first : first + len(code)] >= 0)
+        _add_cells(found, code[wide], tiles.units(first + wide))
+    for one, row in zip(found, table, strict=True):
+        one.add_table(row)
     return [one.pairs() for one in found[1:]]
+
+
+def _add_cells(found: Sequence[PairCounter], code: Codes, units: IntArray) -> None:
+    """Add tiles' cells, shapes (n, cells of a tile) and (n, 2, cells), to those of their class."""
+    known = units.any(axis=1)
+    code, hits, passes = code[known], units[:, 0][known], units[:, 1][known]
+    for which in np.unique(code):
+        chosen = code == which
+        found[which].add(hits[chosen], passes[chosen])
 
 
 def _all_of(parts: Sequence[CountPairs]) -> CountPairs:
