@@ -82,6 +82,7 @@ def on_log(path: Path, changes: dict[str, float]) -> None:
     stated = sensor_of_log(log)
     if not isinstance(stated, ConeSensor):
         raise SystemExit(f"{path}: cones are needed, got a sensor of kind {stated.kind}")
+    # Changes have fields of several types, which `replace` cannot check by their names.
     sensor = dataclasses.replace(stated, **changes)  # type: ignore[arg-type]
     textbook = dataclasses.replace(sensor, share_hit=False, p_hit=_P_HIT, p_miss=_P_MISS)
     scans = list(log)

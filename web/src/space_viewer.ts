@@ -3,6 +3,7 @@
 
 import { type Colour, spacePalette } from "./colours";
 import { element } from "./dom";
+import { Frames, pixelsOf } from "./frames";
 import { headingOf, isDark } from "./heading";
 import { panelOf } from "./panel";
 import type { SpaceFacts } from "./payload";
@@ -21,8 +22,6 @@ const COUNTED_AFTER = 80;
 export class SpaceViewer {
   readonly camera: SpaceCamera;
   readonly store: Store;
-  /** Milliseconds of this program in the last frame. */
-  frameTime = 0;
   /** How many voxels are occupied and inside the clip box; null: they are being counted. */
   occupied: number | null = null;
   private layer: SpaceLayer;
@@ -33,7 +32,7 @@ export class SpaceViewer {
   });
   private readonly words = element("output", { class: "words", "aria-live": "polite" });
   private readonly panel;
-  private due = false;
+  private readonly frames = new Frames(() => this.draw());
   private counting: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
@@ -55,16 +54,20 @@ export class SpaceViewer {
       element("div", { class: "side" }, headingOf(root, facts, () => this.changed()), this.panel.root),
     );
     this.store.listen(() => this.changed());
-    listenInSpace(this.canvas, this.camera, () => this.store.value.drag === "fly", () => this.schedule());
+    listenInSpace(this.canvas, this.camera, () => this.store.value.drag === "fly", () => this.frames.schedule());
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.layer = new SpaceLayer(gl, facts, voxels);
-      this.schedule();
+      this.frames.schedule();
     });
     this.resize();
     this.camera.fit();
     this.changed();
+  }
+
+  get frameTime(): number {
+    return this.frames.time;
   }
 
   get stats(): { draws: number; uploaded: number; vertices: number } {
@@ -76,7 +79,7 @@ export class SpaceViewer {
     this.occupied = null;
     clearTimeout(this.counting);
     this.counting = setTimeout(() => this.count(), COUNTED_AFTER);
-    this.schedule();
+    this.frames.schedule();
   }
 
   private count(): void {
@@ -86,26 +89,17 @@ export class SpaceViewer {
   }
 
   private resize(): void {
-    const ratio = devicePixelRatio;
-    const width = Math.round(this.canvas.clientWidth * ratio);
-    const height = Math.round(this.canvas.clientHeight * ratio);
-    if (width === 0 || height === 0) return;
+    const size = pixelsOf(this.canvas);
+    if (!size) return;
     const whole = this.camera.isFitted();
-    Object.assign(this.canvas, { width, height });
-    Object.assign(this.camera, { width, height });
+    Object.assign(this.canvas, size);
+    Object.assign(this.camera, size);
     if (whole) this.camera.fit(this.camera.yaw, this.camera.pitch);
-    this.schedule();
+    this.frames.schedule();
   }
 
-  private schedule(): void {
-    if (this.due) return;
-    this.due = true;
-    requestAnimationFrame(() => {
-      this.due = false;
-      const begun = performance.now();
-      const dark = isDark(this.root);
-      this.layer.draw(this.camera, this.store.value, spacePalette(dark), dark ? NIGHT : DAY);
-      this.frameTime = performance.now() - begun;
-    });
+  private draw(): void {
+    const dark = isDark(this.root);
+    this.layer.draw(this.camera, this.store.value, spacePalette(dark), dark ? NIGHT : DAY);
   }
 }

@@ -4,6 +4,7 @@
 import { Camera } from "./camera";
 import { paletteOf, type Palette } from "./colours";
 import { element } from "./dom";
+import { Frames, pixelsOf } from "./frames";
 import { headingOf, isDark } from "./heading";
 import { listen } from "./input";
 import { panelOf } from "./panel";
@@ -24,8 +25,6 @@ const FRAMED_FROM = 5;
 export class Viewer {
   readonly camera: Camera;
   readonly store: Store;
-  /** Milliseconds of this program in the last frame. */
-  frameTime = 0;
   private layer: PlaneLayer;
   private readonly canvas = element("canvas", {
     tabindex: 0, role: "application",
@@ -39,7 +38,7 @@ export class Viewer {
   private readonly panel;
   private pointer: readonly [number, number] | null = null;
   private byKeys = false;
-  private due = false;
+  private readonly frames = new Frames(() => this.draw());
 
   constructor(
     private readonly root: HTMLElement,
@@ -63,7 +62,7 @@ export class Viewer {
     this.listen(gl);
     this.resize();
     this.camera.fit();
-    this.schedule();
+    this.frames.schedule();
   }
 
   /** Of cells of a level: the value that is drawn, the one that is said, and the votes; for tests. */
@@ -75,33 +74,37 @@ export class Viewer {
     });
   }
 
+  get frameTime(): number {
+    return this.frames.time;
+  }
+
   get stats(): { draws: number; uploaded: number } {
     return this.layer.stats;
   }
 
   private listen(gl: WebGL2RenderingContext): void {
     listen(this.canvas, this.camera, {
-      moved: () => this.schedule(),
+      moved: () => this.frames.schedule(),
       pointed: (at) => {
         this.pointer = at;
         this.byKeys = false;
-        this.schedule();
+        this.frames.schedule();
       },
       keyed: () => {
         this.byKeys = true;
-        this.schedule();
+        this.frames.schedule();
       },
     });
     this.canvas.addEventListener("blur", () => {
       this.byKeys = false;
-      this.schedule();
+      this.frames.schedule();
     });
     this.store.listen(() => this.changed());
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.layer = new PlaneLayer(gl, this.facts, this.pyramid);
-      this.schedule();
+      this.frames.schedule();
     });
   }
 
@@ -111,32 +114,23 @@ export class Viewer {
 
   private changed(): void {
     this.panel.update(this.palette());
-    this.schedule();
+    this.frames.schedule();
   }
 
   private resize(): void {
-    const ratio = devicePixelRatio;
-    const width = Math.round(this.canvas.clientWidth * ratio);
-    const height = Math.round(this.canvas.clientHeight * ratio);
-    if (width === 0 || height === 0) return;
+    const size = pixelsOf(this.canvas);
+    if (!size) return;
     // Whoever looks at the whole map goes on doing so.
     const whole = this.camera.isFitted();
-    Object.assign(this.canvas, { width, height });
-    this.camera.resize(width, height);
+    Object.assign(this.canvas, size);
+    this.camera.resize(size.width, size.height);
     if (whole) this.camera.fit();
-    this.schedule();
+    this.frames.schedule();
   }
 
-  private schedule(): void {
-    if (this.due) return;
-    this.due = true;
-    requestAnimationFrame(() => {
-      this.due = false;
-      const begun = performance.now();
-      this.layer.draw(this.camera, this.store.value, this.palette());
-      this.describe();
-      this.frameTime = performance.now() - begun;
-    });
+  private draw(): void {
+    this.layer.draw(this.camera, this.store.value, this.palette());
+    this.describe();
   }
 
   /** Say where the pointer is, what is there, and how long things are. */

@@ -66,7 +66,7 @@ def demo(
 
     say("2. Its log becomes a map.")
     log = open_log(log_path)
-    with when_compiling(lambda what: say(f"   ({what}: some 10 s)")):
+    with when_compiling(lambda what: say(f"   ({what}: 10 to 20 s)")):
         grid = build_map(log, _RESOLUTION)
     grid.save(map_path, force=force)
     say(f"   {map_path}: {grid.cell_count() * _RESOLUTION**2:.0f} square metres")

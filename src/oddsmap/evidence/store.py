@@ -216,7 +216,8 @@ def _header_of(path: Path) -> Header:
         if not path.exists():
             raise InputError(f"{path}: no such file or folder")
         raise InputError(
-            f"{path}: not a saved map (a Zarr folder with hits and passes, as oddsmap build makes)"
+            f"{path}: not a saved map (a Zarr folder with hits and passes, as oddsmap build makes "
+            "of a log)"
         )
     return read_header(path, EVIDENCE_MAP)
 

@@ -64,6 +64,7 @@ class CellField:
         return {name: getattr(self, name) for name in used}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        # A subclass with other arguments would be called wrongly: there is none.
         self.__init__(state["ndim"], state["start"])  # type: ignore[misc]
         self.insert(state["coords"])
         for name in ("belief", "received", "observed"):

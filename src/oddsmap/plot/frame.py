@@ -92,7 +92,7 @@ def draw_image(
             aspect="auto",  # equal by the layout, to the pixel
             extent=(x, x + side * image.shape[1], y + side * rows.start, y + side * rows.stop),
             transform=Affine2D().rotate(grid.yaw).translate(*grid.origin) + axes.transData,
-            **how,  # type: ignore[arg-type]
+            **how,  # type: ignore[arg-type]  # of several types, by their names
         )
     x0, x1, y0, y1 = layout.limits
     axes.set_xlim(x0, x1)  # imshow moves the limits
@@ -196,7 +196,8 @@ def save_figure(figure: Figure, path: Path, *, force: bool) -> Path:
     import matplotlib as mpl
 
     kind = path.suffix.lower()
-    # Not savefig: the user's matplotlibrc may tell that to cut the figure.
+    # Not savefig: the user's matplotlibrc may tell that to cut the figure. The canvases' own ways
+    # to print have no types.
     with atomic_output(path, force=force) as part, mpl.rc_context({"svg.hashsalt": "oddsmap"}):
         if kind == ".pdf":
             from matplotlib.backends.backend_pdf import FigureCanvasPdf

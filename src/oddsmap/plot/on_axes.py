@@ -146,7 +146,7 @@ def _plot(
         origin="lower",
         interpolation="nearest",
         interpolation_stage="data",
-        cmap=options["cmap"],  # type: ignore[arg-type]
+        cmap=options["cmap"],  # type: ignore[arg-type]  # a name that only Matplotlib knows
         vmin=low,
         vmax=high,
         extent=(x, x + side * nx, y, y + side * ny),

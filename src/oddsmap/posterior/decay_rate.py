@@ -23,7 +23,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -34,17 +34,10 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 from oddsmap.maps.probability_map import ProbabilityMap
-from oddsmap.plot.thumbnail import MOST_CELLS, Pictured, Thumbnail, of_quantity
+from oddsmap.plot.drawn_quantities import DrawnQuantities
+from oddsmap.plot.thumbnail import MOST_CELLS, Thumbnail, of_quantity
 from oddsmap.query.places import Placed
 from oddsmap.short_repr import described
-
-if TYPE_CHECKING:
-    from typing import Unpack
-
-    from matplotlib.axes import Axes
-
-    from oddsmap.plot.layout import FrameOptions
-    from oddsmap.plot.on_axes import PlotOptions
 
 __all__ = ["DecayQuantity", "DecayRate"]
 
@@ -52,7 +45,7 @@ Region = tuple[npt.ArrayLike, npt.ArrayLike]
 DecayQuantity = Literal["mean", "mode", "std", "interval-width", "lower", "upper", "p-pass"]
 
 
-class DecayRate(Placed, Pictured):
+class DecayRate(Placed, DrawnQuantities[DecayQuantity]):
     """p(decay rate | z_1:t) of each cell, a Gamma distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -206,62 +199,11 @@ class DecayRate(Placed, Pictured):
         index, hits, _, length = self._cells()
         return index, self.shape + hits, self.rate + length
 
-    def save_png(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        show: DecayQuantity = "mean",
-        force: bool = False,
-        **options: Unpack[FrameOptions],
-    ) -> None:
-        """Draw a quantity as `.png`, `.pdf` or `.svg`: see `oddsmap.plot.quantity.save_quantity`.
-
-        Args:
-            path: the file to write.
-            show: what to draw.
-            force: True where an existing file may be replaced.
-            options: title, trajectory, crop, size, whole: see
-                `oddsmap.plot.layout.FrameOptions`.
-
-        Raises:
-            InputError: a 3D map.
-        """
-        from oddsmap.plot.quantity import save_quantity
-
-        save_quantity(
-            self._plane(show), Path(path), label=self._label(show), limits=self._limits(show),
-            force=force, **options,
-        )  # fmt: skip
-
     def _thumbnail(self) -> Thumbnail | None:
         box = self.evidence.bounds()
         if self.ndim != 2 or box is None or np.prod(box[1] - box[0]) > MOST_CELLS:
             return None
         return of_quantity(np.where(self.observed(), self.mean(), np.nan), self._label("mean"))
-
-    def plot(
-        self,
-        ax: Axes | None = None,
-        *,
-        show: DecayQuantity = "mean",
-        **options: Unpack[PlotOptions],
-    ) -> Axes:
-        """Draw a quantity into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
-
-        Args:
-            ax: where; None: the current axes of pyplot.
-            show: what to draw.
-            options: title, trajectory, crop, whole, colour_bar, cmap: see
-                `oddsmap.plot.on_axes.PlotOptions`.
-
-        Raises:
-            InputError: a 3D map.
-        """
-        from oddsmap.plot.on_axes import plot_quantity
-
-        return plot_quantity(
-            self._plane(show), ax, label=self._label(show), limits=self._limits(show), **options
-        )
 
     def _plane(self, show: DecayQuantity) -> ProbabilityMap:
         if self.evidence.ndim != 2:

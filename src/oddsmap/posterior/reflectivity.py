@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias, get_args
@@ -22,20 +22,15 @@ from oddsmap.cell_index import cell_box
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import State, Thresholds
-from oddsmap.plot.thumbnail import MOST_CELLS, Pictured, Thumbnail, of_quantity
+from oddsmap.plot.drawn_quantities import DrawnQuantities
+from oddsmap.plot.thumbnail import MOST_CELLS, Thumbnail, of_quantity
 from oddsmap.posterior.beta import IntervalKind, beta_interval, beta_mode
 from oddsmap.query.queries import PointStates, Queries
 from oddsmap.short_repr import described, grid_facts
 
 if TYPE_CHECKING:
-    from typing import Unpack
-
-    from matplotlib.axes import Axes
-
     from oddsmap.map_files.npz import Column
     from oddsmap.map_files.ros_reader import RosMode
-    from oddsmap.plot.layout import FrameOptions
-    from oddsmap.plot.on_axes import PlotOptions
 
     Rows: TypeAlias = npt.NDArray[Any] | Column
 
@@ -54,7 +49,7 @@ def check_beta_prior(a: float, b: float) -> None:
             raise ConfigError(f"the Beta prior's {name} is a weight above 0, got {weight}")
 
 
-class BetaView(Queries, Pictured, ABC):
+class BetaView(Queries, DrawnQuantities[Quantity]):
     """p(reflectivity | z_1:t) of each cell, a Beta distribution.
 
     Regions are pairs (lo, hi) of cell indices, x first, hi past the last cell; by default the
@@ -287,60 +282,12 @@ class BetaView(Queries, Pictured, ABC):
             force=force,
         )
 
-    def save_png(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        show: Quantity = "mean",
-        force: bool = False,
-        **options: Unpack[FrameOptions],
-    ) -> None:
-        """Draw a quantity as `.png`, `.pdf` or `.svg`: see `oddsmap.plot.quantity.save_quantity`.
-
-        Args:
-            path: the file to write.
-            show: what to draw.
-            force: True where an existing file may be replaced.
-            options: title, trajectory, crop, size, whole: see
-                `oddsmap.plot.layout.FrameOptions`.
-        """
-        from oddsmap.plot.quantity import save_quantity
-
-        save_quantity(
-            self._plane(show), Path(path), label=self._label(show), limits=self._limits(show),
-            force=force, **options,
-        )  # fmt: skip
-
     def _thumbnail(self) -> Thumbnail | None:
         box = self.bounds()
         if self.ndim != 2 or box is None or np.prod(box[1] - box[0]) > MOST_CELLS:
             return None
         mean = np.where(self.observed(), self.mean(), np.nan)
         return of_quantity(mean, "mean reflectivity", (0.0, 1.0))
-
-    def plot(
-        self,
-        ax: Axes | None = None,
-        *,
-        show: Quantity = "mean",
-        **options: Unpack[PlotOptions],
-    ) -> Axes:
-        """Draw a quantity into axes of Matplotlib: see `oddsmap.plot.on_axes.plot_quantity`.
-
-        Args:
-            ax: where; None: the current axes of pyplot.
-            show: what to draw.
-            options: title, trajectory, crop, whole, colour_bar, cmap: see
-                `oddsmap.plot.on_axes.PlotOptions`.
-
-        Raises:
-            InputError: a 3D map.
-        """
-        from oddsmap.plot.on_axes import plot_quantity
-
-        return plot_quantity(
-            self._plane(show), ax, label=self._label(show), limits=self._limits(show), **options
-        )
 
     def _limits(self, show: Quantity) -> tuple[float, float] | None:
         return None if show in ("std", "interval-width") else (0.0, 1.0)
@@ -391,7 +338,7 @@ class BetaView(Queries, Pictured, ABC):
             "p-above": f"P(reflectivity > {self.threshold:g})",
         }[show]
 
-    def _plane(self, name: Quantity, region: Region | None = None) -> ProbabilityMap:
+    def _plane(self, show: Quantity, region: Region | None = None) -> ProbabilityMap:
         if self.ndim != 2:
             raise InputError(
                 "a picture or a ROS map needs a 2D map, this one is 3D; "
@@ -400,7 +347,7 @@ class BetaView(Queries, Pictured, ABC):
         lo, hi = self._region(region)
         resolution = self.resolution
         return ProbabilityMap(
-            probability=self.quantity(name, (lo, hi)),
+            probability=self.quantity(show, (lo, hi)),
             observed=self.observed((lo, hi)),
             resolution=resolution,
             origin=(float(lo[0]) * resolution, float(lo[1]) * resolution),

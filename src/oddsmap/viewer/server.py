@@ -85,6 +85,7 @@ class PageServer(ThreadingHTTPServer):
     def handle_error(self, request: object, client_address: object) -> None:
         """Say what went wrong here, and nothing where a browser has only gone."""
         if not isinstance(sys.exception(), OSError):
+            # Handed on as it came: what kind it is, is the business of the class above.
             super().handle_error(request, client_address)  # type: ignore[arg-type]
 
     def resource(self, host: str | None, path: str) -> _Resource | HTTPStatus:
@@ -137,5 +138,6 @@ class _Handler(BaseHTTPRequestHandler):
             except OSError:
                 self.close_connection = True  # the page was closed meanwhile, or says nothing
 
+    # `format` is what the class above calls it.
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002
         """Requests are not reported: addresses hold the secret."""
