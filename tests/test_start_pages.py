@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import pytest
 import oddsmap
 from oddsmap.cli import main
 from oddsmap.simulate import Lidar2D, Lidar3D, drive3d, office_drive, office_plan, town
+from tests.fuzz.mutant import Files
+from tests.fuzz.samples import SAMPLES
 from tests.test_docs import blocks, commands
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -99,6 +102,49 @@ def test_a_bag(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
     assert same(names["grid"], oddsmap.load_map("chosen.zarr"))
 
 
+OTHER_FILES = {
+    "carmen.log.gz": "carmen-gz", "drive.rawlog": "rawlog", "flight.laz": "laz",
+    "station.e57": "e57", "station.ptx": "ptx", "hall.ply": "ply-ascii",
+    "town.graph": "octomap-graph", "argoverse": "argoverse-sweep", "scenes": "rgbd-7scenes",
+    "tum": "rgbd-tum", "seen.npz": "npz-grids", "trees.csv": "landmark-csv",
+}  # fmt: skip
+"""What the page on other files calls its files, and the samples that they are."""
+
+
+def write_sample(name: str, files: Files) -> None:
+    """A folder of that name, or a file, with what it needs beside it."""
+    for inner, content in files.items():
+        if not Path(name).suffix:
+            path = Path(name, inner)
+        else:
+            path = Path(name if Path(inner).suffix == Path(name).suffix else inner)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+
+
+def test_other_files(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (ROOT / "docs" / "from-other-files.md").read_text(encoding="utf-8")
+    lines = re.findall(r"\| `(oddsmap [^`]+)` \|", text)
+    lasers = SAMPLES["carmen-robotlaser"]()["a.log"].decode().splitlines()[2:]
+    graph = "".join(f"VERTEX_SE2 {i} {i / 5} 0.1 0\n{line}\n" for i, line in enumerate(lasers))
+    Path("graph.g2o").write_text(graph)
+    needs = {"flight.laz": "laspy", "station.e57": "pye57", "argoverse": "pyarrow"}
+    assert {shlex.split(line)[2] for line in lines} == {"graph.g2o", *OTHER_FILES}
+    for line in lines:
+        _, _, log, *_, output = shlex.split(line)
+        if log in needs and find_spec(needs[log]) is None:
+            continue
+        if log in OTHER_FILES:
+            write_sample(log, SAMPLES[OTHER_FILES[log]]())
+        command(line, monkeypatch)
+        assert Path(output).exists()
+    page_runs("from-other-files.md", monkeypatch)
+    (made,) = oddsmap.load_map("lidar.zarr").provenance
+    assert (made["scans"], made["beams"]) == (40, 40 * 340)
+    assert made["skipped"] == {"beam.nan": 40 * 20}
+    assert "warning" not in capsys.readouterr().err.partition("lidar.npz")[2]
+
+
 def maps_to_write() -> list[str]:
     """Makes the maps of the page on what is written of maps; its commands."""
     plan, lidar, rng = office_plan(), Lidar2D(), np.random.default_rng(0)
@@ -117,7 +163,7 @@ def test_maps_out(monkeypatch: pytest.MonkeyPatch) -> None:
     needs = {".mcap": "rosbags", ".bag": "rosbags", "_bag": "rosbags", ".tif": "rasterio",
              ".laz": "lazrs"}  # fmt: skip
     for line in maps_to_write():
-        output = shlex.split(line)[3]
+        output = next(word for word in shlex.split(line)[3:] if word != "-o")
         if output.endswith(".rrd"):
             continue  # by the next test, for its package is large
         missing = [name for end, name in needs.items() if output.endswith(end)]
