@@ -51,7 +51,7 @@ def test_maps_of_parts_add_up_to_the_map_of_all(
     assert done.err == ""
     assert_same(both, whole)
     done = run("subtract", both, odd, "-o", rest)
-    assert done.out.startswith(f"left     of {both} without {odd}\nseen ")
+    assert done.out.startswith(f"left     of {both} without {odd}\nunknown  ")
     assert_same(rest, even)
     assert run("merge", odd, even, "-o", tmp_path / "turned.zarr").status == 0
     turned = oddsmap.load_map(tmp_path / "turned.zarr")

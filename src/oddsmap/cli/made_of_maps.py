@@ -24,6 +24,7 @@ __all__ = [
     "SavedMap",
     "check_maps",
     "combined",
+    "is_saved",
     "read_map",
     "write_map",
 ]
@@ -61,6 +62,13 @@ def check_maps(inputs: Sequence[Path], output: Path, *, force: bool) -> None:
     check_files(inputs, output, force=force, is_map=True)
 
 
+def is_saved(path: Path) -> bool:
+    """Whether a path is a saved map, of which kind ever, and no log."""
+    from oddsmap.map_files.zarr_snapshot import settled
+
+    return (settled(path) / "zarr.json").is_file()
+
+
 def read_map(path: Path, voice: Voice) -> EvidenceMap:
     """Read a saved map, showing that something goes on."""
     from oddsmap.evidence_map import load_map
@@ -75,15 +83,17 @@ def combined(
     doubts: Callable[[EvidenceMap, EvidenceMap], Iterator[Note]],
     combine: Callable[[EvidenceMap, EvidenceMap], None],
     moves: Sequence[Pose | None] | None = None,
+    map_log: Callable[[EvidenceMap, Path], EvidenceMap] | None = None,
 ) -> EvidenceMap:
     """The first map with the others added or taken out, one in memory at a time beside it.
 
     Args:
-        maps: saved maps.
+        maps: saved maps; the others may be logs where `map_log` is given.
         voice: says what is doubtful.
         doubts: of the first map, as far as it is combined, and of the next.
         combine: changes the first map.
         moves: where the frame of each of the others lies in the first's; None: they are one.
+        map_log: the evidence of a log, as the first map has it.
 
     Raises:
         OddsmapError: two do not fit; both are named.
@@ -93,7 +103,11 @@ def combined(
     first, *others = maps
     total = read_map(first, voice)
     for path, move in zip(others, moves or [None] * len(others), strict=True):
-        other, found = moved(path, read_map(path, voice), move, voice)
+        found: list[Note] = []
+        if map_log is not None and not is_saved(path):
+            other = map_log(total, path)
+        else:
+            other, found = moved(path, read_map(path, voice), move, voice)
         found += doubts(total, other)
         try:
             combine(total, other)
@@ -105,7 +119,14 @@ def combined(
 
 
 def write_map(
-    grid: EvidenceMap, output: Path, first: str, facts: dict[str, Any], *, force: bool, voice: Voice
+    grid: EvidenceMap,
+    output: Path,
+    first: str,
+    facts: dict[str, Any],
+    *,
+    force: bool,
+    voice: Voice,
+    second: str | None = None,
 ) -> None:
     """Save a map and say what it is.
 
@@ -116,6 +137,7 @@ def write_map(
         facts: the same for programs.
         force: whether to replace an existing map.
         voice: says it.
+        second: another line of it.
     """
     from oddsmap.cli.summary import facts_of, lines_of_map
 
@@ -124,5 +146,7 @@ def write_map(
     facts = {**facts_of(grid, output), **facts}
     voice.facts(facts)
     voice.say(first)
+    if second is not None:
+        voice.say(second)
     for line in lines_of_map(facts):
         voice.say(line)

@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from oddsmap.config.config import Config
     from oddsmap.plausibility.sample import Sample
     from oddsmap.scans.log import Log
+    from oddsmap.sensors.registry import Sensor
 
-__all__ = ["OpenedLog", "OpenedLogs", "open_logs"]
+__all__ = ["OpenedLog", "OpenedLogs", "open_logs", "watched"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,15 +103,26 @@ def _only_sensor(plan: BuildPlan, logs: list[Log], configs: list[Config]) -> str
     return name
 
 
-def _watched(log: Log, config: Config, every: int | None, run: int) -> OpenedLog:
-    """What is mapped of a log, with a sample that fills while it is read."""
+def watched(log: Log, sensor: Sensor) -> tuple[Log, Sample]:
+    """A log with a sample that fills while it is read.
+
+    Args:
+        log: a whole log.
+        sensor: the sensor model that it is mapped by.
+    """
     from oddsmap.plausibility.doubts import WatchedLog
     from oddsmap.plausibility.sample import Sample
-    from oddsmap.scans.split_log import hold_out
 
-    range_max = getattr(config.sensor, "range_max", None)
+    range_max = getattr(sensor, "range_max", None)
     sample = Sample(log.scan_count, float("inf") if range_max is None else range_max)
     # Points of the map fit together however their poses are.
-    watched = log if getattr(log, "points_in_map", False) else WatchedLog(log, sample)
-    mapped = watched if every is None else hold_out(watched, every, run)[0]
+    return log if getattr(log, "points_in_map", False) else WatchedLog(log, sample), sample
+
+
+def _watched(log: Log, config: Config, every: int | None, run: int) -> OpenedLog:
+    """What is mapped of a log, with its sample."""
+    from oddsmap.scans.split_log import hold_out
+
+    whole, sample = watched(log, config.sensor)
+    mapped = whole if every is None else hold_out(whole, every, run)[0]
     return OpenedLog(mapped, config, sample)

@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from oddsmap.array_types import IntArray, Region
 from oddsmap.errors import ConfigError, MapTooLargeError
+from oddsmap.evidence.packed_tiles import PackedTiles, pack_tiles
 from oddsmap.kernels.units import FRACTION_BITS, MAX_UNITS
 from oddsmap.kernels.vote.tile_census import (
     CELLS,
@@ -102,31 +104,36 @@ class TileStore:
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """What pickle and copy take: the rows in use, without spare rows and without the table."""
-        used, used_wide = self.count, int(self.arrays.counts[WIDE_COUNT])
-        rows = self.arrays
-        return {
-            "ndim": self.ndim,
-            "side": self.side,
-            "counts": rows.counts,
-            "coords": rows.coords[:used],
-            "load": rows.load[:used],
-            "wide_of": rows.wide_of[:used],
-            "narrow": rows.narrow[:used],
-            "wide": rows.wide[:used_wide],
-        }
+        """What pickle takes: the rows in use, packed, without the table."""
+        return pack_tiles(self.arrays, self.side)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """The inverse of `__getstate__`; nothing is shared with what was copied."""
-        self.ndim, self.side = state["ndim"], state["side"]
-        self.arrays = self._empty(len(state["coords"]), len(state["wide"]))
-        for name in ("counts", "coords", "load", "wide_of", "narrow", "wide"):
-            getattr(self.arrays, name)[:] = state[name]
+        """The inverse of `__getstate__`; errors as of `PackedTiles`."""
+        packed = PackedTiles(state)
+        self.ndim, self.side = packed.ndim, packed.side
+        self.arrays = self._empty(packed.used, packed.rows)
+        packed.fill(self.arrays)
         slots = _MIN_SLOTS
         while slots < 2 * self.count:
             slots *= 2
         self.arrays = self.arrays._replace(table=np.full(slots, -1, np.int64))
         enter(self.arrays, 0)
+
+    def __copy__(self) -> Self:
+        """The rows in use, without spare rows; nothing is shared."""
+        twin = type(self)(self.ndim, self.side)
+        used, used_wide = self.count, int(self.arrays.counts[WIDE_COUNT])
+        arrays, rows = self._empty(used, used_wide), self.arrays
+        arrays.counts[:] = rows.counts
+        for name in ("coords", "load", "wide_of", "narrow"):
+            getattr(arrays, name)[:] = getattr(rows, name)[:used]
+        arrays.wide[:] = rows.wide[:used_wide]
+        twin.arrays = arrays._replace(table=rows.table.copy())
+        return twin
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Likewise, without what pickle packs."""
+        return copy.copy(self)
 
     @property
     def count(self) -> int:

@@ -18,7 +18,14 @@ import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 
-__all__ = ["pack_axis", "pack_shard", "shard_index", "unpack_chunk"]
+__all__ = [
+    "pack_axis",
+    "pack_bytes",
+    "pack_shard",
+    "shard_index",
+    "unpack_bytes",
+    "unpack_chunk",
+]
 
 _LEVEL = 0  # of compression: zstd's own choice
 _EMPTY = (1 << 64) - 1  # offset and length of a chunk that is not written
@@ -67,6 +74,37 @@ def pack_axis(numbers: npt.NDArray[np.floating[Any]]) -> bytes:
 
     frame: bytes = compress(numbers.astype("<f8", copy=False), _LEVEL, True)
     return frame
+
+
+def pack_bytes(content: bytes, level: int) -> bytes:
+    """Pack any bytes as one zstd frame with a checksum."""
+    from numcodecs.zstd import compress
+
+    frame: bytes = compress(content, level, True)
+    return frame
+
+
+def unpack_bytes(frame: bytes, most: int, name: str) -> bytes:
+    """Unpack what `pack_bytes` packed.
+
+    Args:
+        frame: the packed bytes.
+        most: one that says that it is larger is not unpacked.
+        name: of what it is a part of, for messages.
+
+    Raises:
+        ValueError: it is damaged.
+    """
+    from numcodecs.zstd import decompress
+
+    size = _unpacked_bytes(frame[:_FRAME_HEADER])
+    if size is None or size > most:
+        raise ValueError(f"a part of {name} does not unpack to {most} bytes or less")
+    try:
+        content: bytes = decompress(frame)
+    except (RuntimeError, ValueError):
+        raise ValueError(f"a part of {name} cannot be unpacked") from None
+    return content
 
 
 def shard_index(content: bytes, count: int, name: str) -> dict[int, bytes]:

@@ -21,6 +21,7 @@ from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import ndim_of
 from oddsmap.integrate.forgetting import numbered
+from oddsmap.integrate.mapped_again import entries_of, ways_of
 from oddsmap.integrate.threads import WorkerPool
 from oddsmap.integrate.toy_map import compile_kernels
 from oddsmap.kernels.units import ONE
@@ -32,7 +33,7 @@ from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 from oddsmap.scans.scan_part import part_of
 from oddsmap.scans.split_log import is_held
-from oddsmap.sensors.registry import KINDS, Sensor, sensor_of_log
+from oddsmap.sensors.registry import Sensor
 from oddsmap.short_repr import short_repr
 from oddsmap.witnesses.reach import beams_near
 
@@ -146,7 +147,7 @@ def why(
         taken = list(scans_alone(taken))
         if all(scan.number is None for scan in taken):
             taken = list(numbered(taken))  # as build_map counts them
-    entries = _entries_of(grid, taken)
+    entries = entries_of(grid, taken)
     trials = _trials(grid, taken, entries)
     found: list[ScanVote] = []
     looked_at = 0
@@ -249,29 +250,12 @@ class _Trial:
         return np.asarray((np.concatenate(tiles.at(cell)) - before) / ONE)
 
 
-def _entries_of(grid: Evidence, log: Any) -> list[dict[str, Any]]:
-    """What the map's provenance says of this log, of scans without a log likewise."""
-    path = getattr(log, "path", None)
-    name = None if path is None else Path(path).name
-    return [
-        entry
-        for entry in grid.provenance
-        if entry.get("source") == name and ("scans" in entry or name is not None)
-    ]
-
-
 def _trials(grid: Evidence, log: Any, entries: list[dict[str, Any]]) -> dict[str, _Trial]:
     """For each sensor of a log the map to try its scans in; "" for those that are not named."""
     parts = parts_of(log)
     trials: dict[str, _Trial] = {}
-    for number, part in enumerate(parts):
-        entry = entries[number] if len(entries) == len(parts) else {}
-        if "sensor" in entry:
-            settings = dict(entry["sensor"])
-            sensor = KINDS[settings.pop("kind")](**settings)
-        else:
-            sensor = grid.sensor if number == 0 else sensor_of_log(part)
-        trial = _Trial(grid, sensor, entry.get("method", "rays"))
+    for part, way in zip(parts, ways_of(grid, parts, entries), strict=True):
+        trial = _Trial(grid, way.sensor, way.method)
         trials.setdefault("", trial)
         for sensor_id in getattr(part, "sensors", ()):
             trials[sensor_id] = trial
