@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.stats import beta
 
 from oddsmap import EvidenceMap
@@ -152,6 +154,40 @@ def test_what_is_said_is_what_python_says(shown: Opened, room: EvidenceMap) -> N
     shown.page.mouse.move(x + 600, y)
     assert "Point at a voxel" in said(shown)[1]
     assert not edges.get_attribute("d")
+
+
+VIRIDIS = np.array(
+    [(68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128),
+     (94, 201, 98), (173, 220, 48), (253, 231, 37)]
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "prior"),
+    [
+        ({"betaA": 2, "betaB": 0.5}, (2.0, 0.5)),
+        ({"posterior": "calibrated", "occupied": 0.1}, None),
+    ],
+)
+def test_colours_of_the_share_of_beams_are_python_s(
+    shown: Opened, room: EvidenceMap, change: dict[str, Any], prior: tuple[float, float] | None
+) -> None:
+    index, hits, passes = room.cells()
+    best = np.flatnonzero((index[:, 2] == index[:, 2].max()) & (hits > 3 * ONE))[5]
+    h, p = int(hits[best]) // ONE, int(passes[best]) // ONE
+    fitted = room.calibrated().reflectivity
+    a, b = prior or (fitted.a, fitted.b)
+    low, high = beta(a + h, b + p).interval(0.95)
+    x, y = point_at(shown, tuple(index[best].tolist()), index.min(axis=0))
+    clip = {"x": x - 1, "y": y - 1, "width": 2, "height": 2}
+    assert not shown.number("prior hits [votes]").is_visible()
+    for paint, value in (("reflection", (a + h) / (a + b + h + p)), ("interval-width", high - low)):
+        shown.set(paint=paint, **change)
+        shown.words()
+        assert shown.number("prior hits [votes]").is_visible() == (prior is not None)
+        image = Image.open(io.BytesIO(shown.page.screenshot(clip=clip)))
+        want = [np.interp(8 * value, np.arange(9), VIRIDIS[:, i]) for i in range(3)]
+        assert image.getpixel((1, 1))[:3] == pytest.approx(want, abs=2), paint
 
 
 def test_pointing_draws_no_frame(shown: Opened, room: EvidenceMap) -> None:
