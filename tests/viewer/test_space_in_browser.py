@@ -18,14 +18,11 @@ from oddsmap import EvidenceMap
 from oddsmap.cli import main
 from oddsmap.kernels.units import ONE
 from oddsmap.odds import logit
-from oddsmap.viewer.document import single_page
-from oddsmap.viewer.space import space_payload
-from tests.viewer.browser_kit import Opened, chromium, file_url, opened
+from tests.viewer.browser_kit import Opened, chromium, opened
+from tests.viewer.space_kit import RESOLUTION, page_of, room_map
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
-
-RESOLUTION = 0.25
 
 
 @pytest.fixture(scope="module")
@@ -36,22 +33,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def room() -> EvidenceMap:
-    """Walls and a floor of many counts, air, far from the origin of the map."""
-    rng = np.random.default_rng(0)
-    z, y, x = np.mgrid[0:12, 0:40, 0:30].reshape(3, -1)
-    wall = (x < 2) | (y < 2) | (z < 2)
-    hits = np.where(wall, rng.poisson(3, x.shape), rng.poisson(0.02, x.shape))
-    passes = rng.poisson(np.where(wall, 3, 20)) + 1
-    grid = EvidenceMap(RESOLUTION, ndim=3)
-    index = np.stack([x - 100, y + 22_000_000, z - 3], axis=1)
-    grid.add_cells(index, hits * ONE, passes * ONE)
-    return grid
-
-
-def page_of(grid: EvidenceMap, folder: Path) -> str:
-    path = folder / "room.html"
-    path.write_text(single_page("room.zarr", space_payload(grid, "room.zarr")), encoding="utf-8")
-    return file_url(path)
+    return room_map()
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,16 @@ export function element<K extends keyof HTMLElementTagNameMap>(
   return made;
 }
 
+/** An element of a drawing. */
+export function drawn<K extends keyof SVGElementTagNameMap>(
+  name: K, attributes: Attributes = {}, ...children: Node[]
+): SVGElementTagNameMap[K] {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, String(value));
+  made.append(...children);
+  return made;
+}
+
 let made = 0;
 
 /** A name that no other element has. */

@@ -6,7 +6,7 @@ import { css, type Palette } from "./colours";
 import { element, uniqueId } from "./dom";
 import type { Facts } from "./payload";
 import { isProbability, logit, sigmoid, valueOf } from "./posterior";
-import { type NumberName, type Settings, settingsOf, spanOf, type Store } from "./settings";
+import { type NumberName, type Settings, settingsOf, showsShare, spanOf, type Store } from "./settings";
 
 interface Slider {
   readonly name: NumberName;
@@ -26,7 +26,8 @@ interface Slider {
 const GAP = 0.001;
 const isStates = (set: Settings): boolean => isProbability(set.posterior) && set.colours === "states";
 const isClamped = (set: Settings): boolean => isProbability(set.posterior) && set.clamped;
-const isBeta = (set: Settings): boolean => !isProbability(set.posterior);
+// The calibrated posterior brings its own.
+const isBeta = (set: Settings): boolean => showsShare(set) && set.posterior !== "calibrated";
 const isCalibrated = (set: Settings): boolean => set.posterior === "calibrated";
 const isLogOdds = (set: Settings): boolean => set.posterior === "log-odds";
 
@@ -83,8 +84,10 @@ export interface Panel {
 
 export function panelOf(facts: Facts, store: Store): Panel {
   const space = facts.kind === "space";
-  const paint = choice("Colours", [["height", "Height"], ["probability", "Probability"], ["hits", "Hits"]],
-    (value) => store.set({ paint: value as Settings["paint"] }));
+  const paint = choice("Colours", [
+    ["height", "Height"], ["probability", "Probability"], ["hits", "Hits"],
+    ["reflection", "Share of beams reflected"], ["interval-width", "How uncertain that share is"],
+  ], (value) => store.set({ paint: value as Settings["paint"] }));
   const drag = choice("A drag turns", [["orbit", "The map (orbit)"], ["fly", "The eye (fly)"]],
     (value) => store.set({ drag: value as Settings["drag"] }));
   const posterior = choice("Posterior", [
@@ -204,9 +207,8 @@ function doubtOf(facts: Facts, set: Settings): string {
     if (facts.unhit !== null && valueOf(facts, set, 0, facts.unhit) >= set.occupied) {
       return "So set, voxels without a hit are occupied, too: they are neither drawn nor counted.";
     }
-    return "";
   }
-  if (isProbability(set.posterior)) return "";
+  if (!showsShare(set)) return "";
   if (facts.sensor === "cone") {
     return "Counting does badly under wide beams, whose hits belong to one cell of many.";
   }
@@ -231,12 +233,13 @@ function legendOf(facts: Facts, set: Settings, palette: Palette): HTMLElement[] 
     ];
   }
   if (facts.kind === "space") return [rampOf(ramp, spaceEnds(set))];
-  const meaning = {
-    "log-odds": "p(occupied)", calibrated: "p(occupied)", reflection: "mean reflectivity",
-    "interval-width": "width of the 95 % interval",
-  }[set.posterior];
-  return [rampOf(ramp, ["0", meaning, "1"]), unknown];
+  return [rampOf(ramp, ["0", MEANINGS[set.posterior], "1"]), unknown];
 }
+
+const MEANINGS = {
+  "log-odds": "p(occupied)", calibrated: "p(occupied)", reflection: "mean reflectivity",
+  "interval-width": "width of the 95 % interval",
+} as const;
 
 /** What the ends of the ramp of voxels mean. */
 function spaceEnds(set: Settings): string[] {
@@ -245,6 +248,7 @@ function spaceEnds(set: Settings): string[] {
     case "height": return [text(set.zLow), "height [m]", text(set.zHigh)];
     case "probability": return [text(set.occupied), "p(occupied)", "1"];
     case "hits": return ["few", "hits, logarithmic", "most"];
+    default: return ["0", MEANINGS[set.paint], "1"];
   }
 }
 

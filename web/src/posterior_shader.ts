@@ -76,8 +76,12 @@ float interval_width(vec2 weights) {
   return exp(mix(a, b, share.y));
 }
 
+float mean_of(vec2 v) {
+  return (u_beta.x + v.x) / (u_beta.x + u_beta.y + v.x + v.y);
+}
+
 float value_of(vec2 v) {
-  if (u_posterior == ${POSTERIORS.reflection}) return (u_beta.x + v.x) / (u_beta.x + u_beta.y + v.x + v.y);
+  if (u_posterior == ${POSTERIORS.reflection}) return mean_of(v);
   if (u_posterior == ${POSTERIORS["interval-width"]}) return interval_width(u_beta + v);
   float evidence = u_posterior == ${POSTERIORS.calibrated} ? bayes_factor(v) : dot(u_rates, v);
   return sigmoid(clamp(u_prior + evidence, u_clamp.x, u_clamp.y));
@@ -86,8 +90,7 @@ float value_of(vec2 v) {
 // What tells the most occupied of some cells: of log odds and of reflectivities it does exactly, and
 // the calibrated posterior is theirs by reflectivity, too.
 float score_of(vec2 v) {
-  if (u_posterior == ${POSTERIORS["log-odds"]}) return dot(u_rates, v);
-  return (u_beta.x + v.x) / (u_beta.x + u_beta.y + v.x + v.y);
+  return u_posterior == ${POSTERIORS["log-odds"]} ? dot(u_rates, v) : mean_of(v);
 }
 
 vec3 ramp(float value) {
@@ -125,7 +128,7 @@ export class PosteriorTables {
     const { gl, model } = this;
     // A texture is bound while it is made: to a unit that is ours.
     gl.activeTexture(gl.TEXTURE0 + unit);
-    if (set.posterior === "interval-width") this.widths ??= this.table(WIDTHS.side, WIDTHS.side, widths());
+    if ([set.posterior, set.paint].includes("interval-width")) this.widths ??= this.table(WIDTHS.side, WIDTHS.side, widths());
     [["u_widths", this.widths ?? this.empty] as const, ["u_model", this.fitted] as const].forEach(([name, made], i) => {
       gl.activeTexture(gl.TEXTURE0 + unit + i);
       gl.bindTexture(gl.TEXTURE_2D, made);

@@ -24,7 +24,7 @@ export interface Settings {
   betaA: number;
   betaB: number;
   /** What the colour of a voxel says. */
-  paint: "height" | "probability" | "hits";
+  paint: "height" | "probability" | "hits" | "reflection" | "interval-width";
   /** What a drag turns around: the middle of the screen, or the eye. */
   drag: "orbit" | "fly";
   /** The clip box of a 3D map [m]. */
@@ -35,6 +35,10 @@ export interface Settings {
   zLow: number;
   zHigh: number;
 }
+
+/** Whether the share of beams that are reflected is shown, or how uncertain it is. */
+export const showsShare = (set: Settings): boolean =>
+  [set.posterior, set.paint].some((name) => name === "reflection" || name === "interval-width");
 
 export type NumberName =
   | "pHit" | "pMiss" | "prior" | "fittedPrior" | "free" | "occupied" | "clampLow" | "clampHigh" | "betaA" | "betaB"

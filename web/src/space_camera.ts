@@ -62,6 +62,23 @@ export class SpaceCamera {
     return this.target.map((x, axis) => x + back[axis]! * this.distance) as Vector;
   }
 
+  /** The direction in which a pixel lies, counted from the top left: 1 along the depth. */
+  rayAt(x: number, y: number): Vector {
+    const [right, up, back] = this.axes();
+    const aside = (x - this.width / 2) / this.focal;
+    const above = (this.height / 2 - y) / this.focal;
+    return back.map((b, axis) => aside * right[axis]! + above * up[axis]! - b) as Vector;
+  }
+
+  /** Where a place is seen: pixels from the top left, and how deep it lies. */
+  seen(place: readonly number[]): Vector {
+    const eye = this.eye();
+    const from = place.map((x, axis) => x - eye[axis]!);
+    const [aside, above, behind] = this.axes().map((axis) => dot(axis, from)) as Vector;
+    const scale = -this.focal / behind;
+    return [this.width / 2 + aside * scale, this.height / 2 - above * scale, -behind];
+  }
+
   /** Turn by pixels as pointers move: around the middle, or around the eye. */
   turn(right: number, down: number, aroundEye = false): void {
     this.fitted = false;

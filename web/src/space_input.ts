@@ -8,25 +8,47 @@ const KEY_TURN = 40;
 const NOTCH = 120;
 /** Share of the distance that a key moves by. */
 const KEY_MOVE = 0.08;
+/** A pointer that moved less far between down and up has clicked [pixels of the page]. */
+const STILL = 4;
 
-/** Listen on a canvas; `aroundEye` says whether a drag turns around the eye. */
-export function listenInSpace(
-  canvas: HTMLCanvasElement, camera: SpaceCamera, aroundEye: () => boolean, moved: () => void,
-): void {
+export interface SpaceMoves {
+  /** Whether a drag turns around the eye. */
+  aroundEye(): boolean;
+  /** The camera has moved. */
+  moved(): void;
+  /** A pointer is over a pixel of the screen; null: it has left. */
+  pointed(at: readonly [number, number] | null): void;
+  /** Somebody works with the keys: what is described is in the middle. */
+  keyed(): void;
+  /** A pixel was clicked or tapped; null: the key for it, of the middle. */
+  clicked(at: readonly [number, number] | null): void;
+}
+
+export function listenInSpace(canvas: HTMLCanvasElement, camera: SpaceCamera, moves: SpaceMoves): void {
+  const { aroundEye } = moves;
   const pointers = new Map<number, [number, number]>();
+  /** Where the only pointer went down, as long as it may be a click. */
+  let begun: [number, number] | null = null;
+  const pixels = (): number => camera.width / Math.max(canvas.clientWidth, 1);
   const place = (event: MouseEvent): [number, number] => {
-    const pixels = camera.width / Math.max(canvas.clientWidth, 1);
-    return [event.clientX * pixels, event.clientY * pixels];
+    const box = canvas.getBoundingClientRect();
+    return [(event.clientX - box.left) * pixels(), (event.clientY - box.top) * pixels()];
   };
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     pointers.set(event.pointerId, place(event));
+    begun = pointers.size === 1 && event.button === 0 ? place(event) : null;
     canvas.classList.add("held");
+    moves.pointed(place(event));
   });
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId);
-    if (!before) return;
     const now = place(event);
+    if (!before) {
+      moves.pointed(now);
+      return;
+    }
+    if (begun && Math.hypot(now[0] - begun[0], now[1] - begun[1]) > STILL * pixels()) begun = null;
     const [right, down] = [now[0] - before[0], now[1] - before[1]];
     const other = [...pointers].find(([id]) => id !== event.pointerId)?.[1];
     if (other) {
@@ -40,26 +62,38 @@ export function listenInSpace(
       camera.turn(right, down, aroundEye());
     }
     pointers.set(event.pointerId, now);
-    moved();
+    moves.moved();
+    moves.pointed(now);
   });
   for (const name of ["pointerup", "pointercancel"] as const) {
     canvas.addEventListener(name, (event) => {
       pointers.delete(event.pointerId);
       if (pointers.size === 0) canvas.classList.remove("held");
+      if (begun && name === "pointerup") moves.clicked(place(event));
+      begun = null;
     });
   }
+  canvas.addEventListener("pointerleave", (event) => {
+    // A finger that is lifted leaves, too: what it tapped stays described.
+    if (event.pointerType !== "touch") moves.pointed(null);
+  });
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
     // Lines and pages, which some mice count in, as pixels.
     const size = event.deltaMode === 0 ? 1 : event.deltaMode === 1 ? 40 : 800;
     camera.zoom(2 ** ((-event.deltaY * size) / (4 * NOTCH)));
-    moved();
+    moves.moved();
+    moves.pointed(place(event));
   }, { passive: false });
   canvas.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || !act(event.key)) return;
     event.preventDefault();
-    moved();
+    moves.moved();
+    moves.keyed();
+  });
+  canvas.addEventListener("focus", () => {
+    if (canvas.matches(":focus-visible")) moves.keyed();
   });
 
   /** Do what a key stands for; false: nothing. */
@@ -80,6 +114,7 @@ export function listenInSpace(
       case "-": case "_": camera.zoom(1 / KEY_ZOOM); return true;
       case "0": case "home": camera.fit(); return true;
       case "1": camera.fit(Math.PI / 2, Math.PI / 2 - 1e-3); return true;
+      case "enter": moves.clicked(null); return true;
       default: return false;
     }
   }

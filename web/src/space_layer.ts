@@ -12,7 +12,7 @@ import { PAINTS, SPACE_FRAGMENT, SPACE_VERTEX } from "./space_shader";
 import { clipOf, type Voxels } from "./voxels";
 
 /** Nothing nearer than this is drawn [voxels]. */
-const NEAREST = 0.1;
+export const NEAREST = 0.1;
 
 export class SpaceLayer {
   /** What was done so far, and vertices of a frame; for tests. */

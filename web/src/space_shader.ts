@@ -4,7 +4,7 @@
 
 import { POSTERIOR } from "./posterior_shader";
 
-export const PAINTS = { height: 0, probability: 1, hits: 2 } as const;
+export const PAINTS = { height: 0, probability: 1, hits: 2, reflection: 3, "interval-width": 4 } as const;
 
 export const SPACE_VERTEX = `#version 300 es
 precision highp float;
@@ -50,6 +50,8 @@ void main() {
   gl_Position = vec4(2.0 * u_focal * seen.xy / u_screen, 0.0, depth);
   float shade = u_paint == ${PAINTS.height} ? (a_place.z - u_heights.x) / max(u_heights.y - u_heights.x, 1.0)
     : u_paint == ${PAINTS.hits} ? log(1.0 + votes.x) / u_most
+    : u_paint == ${PAINTS.reflection} ? mean_of(votes)
+    : u_paint == ${PAINTS["interval-width"]} ? interval_width(u_beta + votes)
     : (value - u_thresholds.y) / max(1.0 - u_thresholds.y, 1e-6);
   v_colour = ramp(shade) / 255.0;
 }`;

@@ -8,16 +8,20 @@ import { headingOf, isDark } from "./heading";
 import { panelOf } from "./panel";
 import type { SpaceFacts } from "./payload";
 import { settingsOf, Store } from "./settings";
-import { SpaceCamera } from "./space_camera";
+import { SpaceCamera, type Vector } from "./space_camera";
 import { listenInSpace } from "./space_input";
 import { SpaceLayer } from "./space_layer";
-import { count } from "./words";
+import { SpaceOverlay } from "./space_overlay";
+import { type Picked, SpacePicking } from "./space_picking";
+import { count, describeVotes, indices, metres } from "./words";
 import { clipOf, occupiedIn, type Voxels } from "./voxels";
 
 const DAY: Colour = [232, 237, 242];
 const NIGHT: Colour = [15, 20, 26];
 /** Voxels are counted once nothing has been changed for so long [ms]. */
 const COUNTED_AFTER = 80;
+/** How far from the pointer a voxel may be where none is under it [pixels of the page]. */
+const BESIDE = [2, 4];
 
 export class SpaceViewer {
   readonly camera: SpaceCamera;
@@ -28,11 +32,19 @@ export class SpaceViewer {
   private readonly canvas = element("canvas", {
     tabindex: 0, role: "application",
     "aria-label": "Map in space. Arrow keys turn it; W, A, S, D, Q and E move; plus and minus zoom; "
-      + "0 shows all of it, 1 from above.",
+      + "0 shows all of it, 1 from above. The voxel in the middle is described.",
   });
-  private readonly words = element("output", { class: "words", "aria-live": "polite" });
+  private readonly counted = element("output", { class: "words", "aria-live": "polite" });
+  private readonly position = element("div", { class: "position" });
+  private readonly words = element("output", { class: "words" });
+  private readonly overlay = new SpaceOverlay();
+  private readonly picking;
+  private readonly listeners: ((index: Vector) => void)[] = [];
+  private pointer: readonly [number, number] | null = null;
+  private byKeys = false;
   private readonly panel;
   private readonly frames = new Frames(() => this.draw());
+  private readonly describing = new Frames(() => this.describe());
   private counting: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
@@ -49,12 +61,24 @@ export class SpaceViewer {
         + "switch hardware acceleration on");
     }
     this.layer = new SpaceLayer(gl, facts, voxels);
+    this.picking = new SpacePicking(facts, voxels);
     root.replaceChildren(
-      element("div", { class: "map space" }, this.canvas, element("div", { class: "readout" }, this.words)),
+      element("div", { class: "map space" }, this.canvas, this.overlay.root,
+        element("div", { class: "readout" }, this.counted, this.position, this.words)),
       element("div", { class: "side" }, headingOf(root, facts, () => this.changed()), this.panel.root),
     );
     this.store.listen(() => this.changed());
-    listenInSpace(this.canvas, this.camera, () => this.store.value.drag === "fly", () => this.frames.schedule());
+    listenInSpace(this.canvas, this.camera, {
+      aroundEye: () => this.store.value.drag === "fly",
+      moved: () => this.frames.schedule(),
+      pointed: (at) => this.pointed(at, false),
+      keyed: () => this.pointed(this.pointer, true),
+      clicked: (at) => {
+        const found = this.nearest(...(at ?? this.middle()));
+        if (found) for (const listener of this.listeners) listener(found.index);
+      },
+    });
+    this.canvas.addEventListener("blur", () => this.pointed(this.pointer, false));
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
@@ -74,6 +98,44 @@ export class SpaceViewer {
     return this.layer.stats;
   }
 
+  /** The voxel that is drawn at a pixel of the canvas, counted from the top left. */
+  pick(x: number, y: number): Picked | null {
+    return this.picking.at(this.camera, this.store.value, x, y);
+  }
+
+  /** The same of a pixel that is pointed at: what lies a little beside it, where nothing is right there. */
+  private nearest(x: number, y: number): Picked | null {
+    let found = this.pick(x, y);
+    for (const radius of found ? [] : BESIDE) {
+      for (let eighth = 0; eighth < 8 && !found; eighth++) {
+        const angle = (eighth * Math.PI) / 4;
+        const far = radius * this.ratio();
+        found = this.pick(x + far * Math.cos(angle), y + far * Math.sin(angle));
+      }
+    }
+    return found;
+  }
+
+  /** Pixels of the screen in one of the page. */
+  private ratio(): number {
+    return this.canvas.width / Math.max(this.canvas.clientWidth, 1);
+  }
+
+  /** Tell a listener of each voxel that is clicked, by its index in the map. */
+  onPick(listener: (index: Vector) => void): void {
+    this.listeners.push(listener);
+  }
+
+  private pointed(at: readonly [number, number] | null, byKeys: boolean): void {
+    this.pointer = at;
+    this.byKeys = byKeys;
+    this.describing.schedule();
+  }
+
+  private middle(): [number, number] {
+    return [this.camera.width / 2, this.camera.height / 2];
+  }
+
   private changed(): void {
     this.panel.update(spacePalette(isDark(this.root)));
     this.occupied = null;
@@ -85,7 +147,7 @@ export class SpaceViewer {
   private count(): void {
     const { facts, voxels } = this;
     this.occupied = occupiedIn(facts, voxels, this.store.value, clipOf(facts, this.store.value));
-    this.words.textContent = `${count(this.occupied)} occupied voxels, of ${count(voxels.count)} with hits`;
+    this.counted.textContent = `${count(this.occupied)} occupied voxels, of ${count(voxels.count)} with hits`;
   }
 
   private resize(): void {
@@ -101,5 +163,25 @@ export class SpaceViewer {
   private draw(): void {
     const dark = isDark(this.root);
     this.layer.draw(this.camera, this.store.value, spacePalette(dark), dark ? NIGHT : DAY);
+    this.describe();
+  }
+
+  /** Say what is pointed at, and frame it: nothing is drawn anew for that. */
+  private describe(): void {
+    const { facts } = this;
+    const at = this.byKeys ? this.middle() : this.pointer;
+    const found = at && this.nearest(...at);
+    this.words.setAttribute("aria-live", this.byKeys ? "polite" : "off");
+    this.overlay.frame(this.camera, found?.place ?? null, this.ratio());
+    if (!found) {
+      this.position.textContent = "";
+      this.words.replaceChildren(at ? "No voxel is here." : "Point at a voxel to see what is known of it.");
+      return;
+    }
+    const middle = found.index.map((i) => metres((i + 0.5) * facts.resolution, facts.resolution));
+    this.position.textContent = `x ${middle[0]} m, y ${middle[1]} m, z ${middle[2]} m`;
+    const lines = [`voxel ${indices(found.index)}`,
+      ...describeVotes(facts, this.store.value, found.hits, found.passes)];
+    this.words.replaceChildren(...lines.map((line) => element("div", {}, line)));
   }
 }

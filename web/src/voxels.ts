@@ -91,9 +91,20 @@ export function clipOf(facts: SpaceFacts, set: Settings): Clip {
   return { lo: ends.map(([low], axis) => first(low, axis)), hi: ends.map(([, high], axis) => first(high, axis)) };
 }
 
+/** Whether a voxel lies in a box. */
+export function isInside(clip: Clip, voxels: Pick<Voxels, "places">, i: number): boolean {
+  const { lo, hi } = clip;
+  const [x, y, z] = [voxels.places[4 * i]!, voxels.places[4 * i + 1]!, voxels.places[4 * i + 2]!];
+  return x >= lo[0]! && x < hi[0]! && y >= lo[1]! && y < hi[1]! && z >= lo[2]! && z < hi[2]!;
+}
+
+/** Hits and passes of a voxel [votes]. */
+export const votesOf = ({ pairs, pairOf }: Pick<Voxels, "pairs" | "pairOf">, i: number): [number, number] =>
+  [pairs[2 * pairOf[i]!]!, pairs[2 * pairOf[i]! + 1]!];
+
 /** How many voxels are occupied, in double precision, within a box. */
 export function occupiedIn(facts: SpaceFacts, voxels: Voxels, set: Settings, clip: Clip): number {
-  const { pairs, pairOf, times, places } = voxels;
+  const { pairs, pairOf, times } = voxels;
   const occupied = new Uint8Array(times.length);
   let all = 0;
   for (let i = 0; i < times.length; i++) {
@@ -102,12 +113,7 @@ export function occupiedIn(facts: SpaceFacts, voxels: Voxels, set: Settings, cli
     all += times[i]!;
   }
   if ([0, 1, 2].every((axis) => clip.lo[axis] === 0 && clip.hi[axis] === facts.hi[axis]! - facts.lo[axis]!)) return all;
-  const [x0, y0, z0] = clip.lo as [number, number, number];
-  const [x1, y1, z1] = clip.hi as [number, number, number];
   let inside = 0;
-  for (let i = 0; i < pairOf.length; i++) {
-    const [x, y, z] = [places[4 * i]!, places[4 * i + 1]!, places[4 * i + 2]!];
-    if (occupied[pairOf[i]!] && x >= x0 && x < x1 && y >= y0 && y < y1 && z >= z0 && z < z1) inside++;
-  }
+  for (let i = 0; i < pairOf.length; i++) if (occupied[pairOf[i]!] && isInside(clip, voxels, i)) inside++;
   return inside;
 }

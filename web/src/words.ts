@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Numbers and cells in words.
 
-import type { PlaneFacts } from "./payload";
+import type { Facts, PlaneFacts } from "./payload";
 import { betaInterval } from "./beta";
 import { isProbability, LEVEL, stateOf, valueOf } from "./posterior";
 import type { Settings } from "./settings";
@@ -43,6 +43,10 @@ export const count = (value: number): string =>
 const many = (value: number, word: string, more: string): string =>
   `${count(value)} ${value === 1 ? word : more}`;
 
+/** Which cell something is. */
+export const indices = (index: readonly number[]): string =>
+  index.map((i) => String(i).replace("-", MINUS)).join(", ");
+
 /** Where and what a cell is. */
 export interface Cell {
   readonly x: number;
@@ -56,13 +60,17 @@ export interface Cell {
 /** What is known of a cell: a line each. */
 export function describe(facts: PlaneFacts, set: Settings, cell: Cell): string[] {
   const { hits, passes } = cell;
-  const [x, y] = [cell.x, cell.y].map((index) => String(index).replace("-", MINUS));
   const where = cell.factor === 1
-    ? `cell ${x}, ${y}`
+    ? `cell ${indices([cell.x, cell.y])}`
     : `${cell.factor} \u00d7 ${cell.factor} cells together, ${short(cell.factor * facts.resolution)} m`;
+  return [where, ...describeVotes(facts, set, hits, passes)];
+}
+
+/** What is known by some votes: a line each. */
+export function describeVotes(facts: Facts, set: Settings, hits: number, passes: number): string[] {
   const seen = hits > 0 || passes > 0;
-  if (!seen) return [where, "unknown: no beam was here"];
-  const lines = [where, `${many(hits, "hit", "hits")}, ${many(passes, "pass", "passes")}`];
+  if (!seen) return ["unknown: no beam was here"];
+  const lines = [`${many(hits, "hit", "hits")}, ${many(passes, "pass", "passes")}`];
   if (isProbability(set.posterior)) {
     const p = valueOf(facts, set, hits, passes);
     lines.push(`${stateOf(set, p, seen)}, p ${chance(p)}`);
