@@ -3,7 +3,7 @@
 
 import { type Colour, spacePalette } from "./colours";
 import { element } from "./dom";
-import { Frames, pixelsOf } from "./frames";
+import { Frames, pixelsOf, untilClosed } from "./frames";
 import { headingOf, isDark } from "./heading";
 import { panelOf } from "./panel";
 import type { SpaceFacts } from "./payload";
@@ -33,6 +33,7 @@ export class SpaceViewer {
   private readonly words = element("output", { class: "words", "aria-live": "polite" });
   private readonly panel;
   private readonly frames = new Frames(() => this.draw());
+  private readonly ending = new AbortController();
   private counting: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
@@ -51,11 +52,11 @@ export class SpaceViewer {
     this.layer = new SpaceLayer(gl, facts, voxels);
     root.replaceChildren(
       element("div", { class: "map space" }, this.canvas, element("div", { class: "readout" }, this.words)),
-      element("div", { class: "side" }, headingOf(root, facts, () => this.changed()), this.panel.root),
+      element("div", { class: "side" }, headingOf(root, facts, () => this.changed(), this.ending.signal), this.panel.root),
     );
     this.store.listen(() => this.changed());
     listenInSpace(this.canvas, this.camera, () => this.store.value.drag === "fly", () => this.frames.schedule());
-    new ResizeObserver(() => this.resize()).observe(this.canvas);
+    untilClosed(this.canvas, gl, this.ending.signal, () => this.resize());
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.layer = new SpaceLayer(gl, facts, voxels);
@@ -64,6 +65,12 @@ export class SpaceViewer {
     this.resize();
     this.camera.fit();
     this.changed();
+  }
+
+  /** Let go of the graphics card and of the page. */
+  close(): void {
+    this.ending.abort();
+    clearTimeout(this.counting);
   }
 
   get frameTime(): number {
