@@ -5,7 +5,7 @@
 import { createHash } from "node:crypto";
 import { readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
-import { defineConfig, type Plugin } from "vite";
+import { build, defineConfig, type Plugin } from "vite";
 
 const page = "../src/oddsmap/viewer/page";
 const outDir = process.env.ODDSMAP_PAGE ?? page;
@@ -18,15 +18,28 @@ function sources(): string[] {
   return [...own, "package.json", "package-lock.json", "tsconfig.json", "vite.config.ts"].sort();
 }
 
-/** Ends each file with a line feed, and notes what it was built from. */
+/** The same modules as notebooks load them, in one file with its style. */
+async function buildWidget(): Promise<void> {
+  const entry = { entry: "src/widget.ts", formats: ["es" as const], fileName: () => "widget.js" };
+  await build({
+    configFile: false,
+    logLevel: "warn",
+    build: {
+      outDir, emptyOutDir: false, target: "es2022", lib: entry, rolldownOptions: { output: { minify: true } },
+    },
+  });
+}
+
+/** Builds the widget, ends each file with a line feed, and notes what it was built from. */
 function record(): Plugin {
   return {
     name: "record",
-    closeBundle() {
+    async closeBundle() {
+      await buildWidget();
       const digest = createHash("sha256");
       for (const path of sources()) digest.update(`${path}\0`).update(readFileSync(path)).update("\0");
       const built: Record<string, string> = { sources: digest.digest("hex") };
-      for (const name of ["viewer.css", "viewer.js"]) {
+      for (const name of ["viewer.css", "viewer.js", "widget.js"]) {
         const text = `${readFileSync(join(outDir, name), "utf8").trimEnd()}\n`;
         writeFileSync(join(outDir, name), text);
         built[name] = createHash("sha256").update(text).digest("hex");

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from oddsmap.posterior.neighbour_model import NeighbourModel
     from oddsmap.posterior.prior import MapLike
     from oddsmap.posterior.reflection import IntervalKind, Reflection
+    from oddsmap.viewer.map_widget import MapWidget
+    from oddsmap.viewer.notebook import Bundle
 
 __all__ = ["EvidenceMap", "build_map", "load_map"]
 
@@ -204,6 +206,32 @@ class EvidenceMap(Evidence, Pictured):
                 `oddsmap.plot.on_axes.PlotOptions`.
         """
         return self.log_odds().plot(ax, **options)
+
+    def widget(self, *, height: int | None = None) -> MapWidget:
+        """The live map of `oddsmap view` in a notebook, linked with Python.
+
+        A map at the end of a cell is live, too; of a widget that has a name the sliders are
+        attributes, both to be read and to be set. It shows the map as it is now, and holds what
+        the page is given (about as much as the saved map) until `widget.close()`.
+
+        Args:
+            height: of the widget [pixels of the page]; None: 480.
+
+        Returns:
+            See `oddsmap.viewer.map_widget.MapWidget`.
+
+        Raises:
+            ConfigError: anywidget is not installed, or the height is less than 240.
+            InputError: the map is empty, or too large for the page.
+        """
+        from oddsmap.viewer.notebook import widget_of
+
+        return widget_of(self, height, self._repr_png_())
+
+    def _repr_mimebundle_(self, **_: object) -> Bundle:
+        from oddsmap.viewer.notebook import bundle_of
+
+        return bundle_of(self, self._repr_html_)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the map as a Zarr folder: see `oddsmap.evidence.store.save_map`."""

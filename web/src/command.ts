@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The `oddsmap export` command that writes what is on the screen.
+// The `oddsmap export` command that writes what is on the screen; of a map without a file, its view.
 
 import type { Facts } from "./payload";
 import { isProbability } from "./posterior";
+import { pythonOf } from "./python";
 import { type Settings, settingsOf } from "./settings";
 
 /** A word as a shell reads it. */
@@ -10,6 +11,7 @@ const quoted = (word: string): string =>
   /^[\w@%+=:,./-]+$/.test(word) && !word.startsWith("-") ? word : `'${word.replaceAll("'", `'"'"'`)}'`;
 
 export function commandOf(facts: Facts, set: Settings): string {
+  if (facts.name === "") return pythonOf(facts, set);
   const own = settingsOf(facts);
   const stem = facts.name.replace(/\.zarr$/i, "") || "map";
   const space = facts.kind === "space";

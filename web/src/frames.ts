@@ -27,3 +27,16 @@ export function pixelsOf(canvas: HTMLCanvasElement): { width: number; height: nu
   const height = Math.round(canvas.clientHeight * devicePixelRatio);
   return width === 0 || height === 0 ? null : { width, height };
 }
+
+/** Hear of other sizes of a canvas until a viewer is closed; then its memory on the graphics card is free. */
+export function untilClosed(
+  canvas: HTMLCanvasElement, gl: WebGL2RenderingContext, ending: AbortSignal, resized: () => void,
+): void {
+  const observer = new ResizeObserver(resized);
+  observer.observe(canvas);
+  ending.addEventListener("abort", () => {
+    observer.disconnect();
+    // A page has a handful of contexts: left to the garbage collector, they would run out.
+    gl.getExtension("WEBGL_lose_context")?.loseContext();
+  });
+}

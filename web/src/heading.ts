@@ -11,8 +11,8 @@ const DARK = matchMedia("(prefers-color-scheme: dark)");
 export const isDark = (root: HTMLElement): boolean =>
   root.dataset.theme === "dark" || (root.dataset.theme !== "light" && DARK.matches);
 
-/** The heading of a viewer in `root`; `changed` is told when its colours are others. */
-export function headingOf(root: HTMLElement, facts: Facts, changed: () => void): HTMLElement {
+/** The heading of a viewer in `root`; `changed` is told, until `ending`, when its colours are others. */
+export function headingOf(root: HTMLElement, facts: Facts, changed: () => void, ending: AbortSignal): HTMLElement {
   const from = facts.sources.map(({ source, scans }) =>
     [source ?? "scans without a file", scans === null ? "" : `${count(scans)} scans`].filter(Boolean).join(", "));
   const shown = from.length > 3 ? [...from.slice(0, 3), `${from.length - 3} more`] : from;
@@ -26,10 +26,10 @@ export function headingOf(root: HTMLElement, facts: Facts, changed: () => void):
     theme.onclick = () => apply(next[value]);
     changed();
   };
-  apply("auto");
-  DARK.addEventListener("change", changed);
+  apply(root.dataset.theme === "dark" || root.dataset.theme === "light" ? root.dataset.theme : "auto");
+  DARK.addEventListener("change", changed, { signal: ending });
   return element("header", {},
-    element("div", { class: "title" }, element("h1", {}, facts.name), theme),
+    element("div", { class: "title" }, element("h1", {}, facts.name || "Map"), theme),
     element("p", {}, `${count(facts.cells)} known cells of ${short(facts.resolution)} m`,
       ...shown.flatMap((line) => [element("br"), line])));
 }

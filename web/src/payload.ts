@@ -16,6 +16,7 @@ export interface CountModel {
 
 /** The facts of a map of evidence; lengths in metres. */
 interface CommonFacts {
+  /** Of its file; empty for a map of a notebook. */
   name: string;
   sources: { source: string | null; scans: number | null }[];
   resolution: number;

@@ -3,7 +3,7 @@
 
 import { type Colour, spacePalette } from "./colours";
 import { element } from "./dom";
-import { Frames, pixelsOf } from "./frames";
+import { Frames, pixelsOf, untilClosed } from "./frames";
 import { headingOf, isDark } from "./heading";
 import { panelOf } from "./panel";
 import type { SpaceFacts } from "./payload";
@@ -45,6 +45,7 @@ export class SpaceViewer {
   private readonly panel;
   private readonly frames = new Frames(() => this.draw());
   private readonly describing = new Frames(() => this.describe());
+  private readonly ending = new AbortController();
   private counting: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
@@ -65,7 +66,7 @@ export class SpaceViewer {
     root.replaceChildren(
       element("div", { class: "map space" }, this.canvas, this.overlay.root,
         element("div", { class: "readout" }, this.counted, this.position, this.words)),
-      element("div", { class: "side" }, headingOf(root, facts, () => this.changed()), this.panel.root),
+      element("div", { class: "side" }, headingOf(root, facts, () => this.changed(), this.ending.signal), this.panel.root),
     );
     this.store.listen(() => this.changed());
     listenInSpace(this.canvas, this.camera, {
@@ -79,7 +80,7 @@ export class SpaceViewer {
       },
     });
     this.canvas.addEventListener("blur", () => this.pointed(this.pointer, false));
-    new ResizeObserver(() => this.resize()).observe(this.canvas);
+    untilClosed(this.canvas, gl, this.ending.signal, () => this.resize());
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.layer = new SpaceLayer(gl, facts, voxels);
@@ -88,6 +89,12 @@ export class SpaceViewer {
     this.resize();
     this.camera.fit();
     this.changed();
+  }
+
+  /** Let go of the graphics card and of the page. */
+  close(): void {
+    this.ending.abort();
+    clearTimeout(this.counting);
   }
 
   get frameTime(): number {

@@ -4,7 +4,7 @@
 import { Camera } from "./camera";
 import { paletteOf, type Palette } from "./colours";
 import { element } from "./dom";
-import { Frames, pixelsOf } from "./frames";
+import { Frames, pixelsOf, untilClosed } from "./frames";
 import { headingOf, isDark } from "./heading";
 import { listen } from "./input";
 import { panelOf } from "./panel";
@@ -39,6 +39,7 @@ export class Viewer {
   private pointer: readonly [number, number] | null = null;
   private byKeys = false;
   private readonly frames = new Frames(() => this.draw());
+  private readonly ending = new AbortController();
 
   constructor(
     private readonly root: HTMLElement,
@@ -57,7 +58,7 @@ export class Viewer {
     root.replaceChildren(
       element("div", { class: "map" }, this.canvas, this.frame,
         element("div", { class: "readout" }, this.position, this.words), this.bar),
-      element("div", { class: "side" }, headingOf(root, facts, () => this.changed()), this.panel.root),
+      element("div", { class: "side" }, headingOf(root, facts, () => this.changed(), this.ending.signal), this.panel.root),
     );
     this.listen(gl);
     this.resize();
@@ -72,6 +73,11 @@ export class Viewer {
       const shown = this.layer.probe(this.store.value, this.palette(), level, x, y);
       return { shown, exact: valueOf(this.facts, this.store.value, ...votes), votes };
     });
+  }
+
+  /** Let go of the graphics card and of the page. */
+  close(): void {
+    this.ending.abort();
   }
 
   get frameTime(): number {
@@ -100,7 +106,7 @@ export class Viewer {
       this.frames.schedule();
     });
     this.store.listen(() => this.changed());
-    new ResizeObserver(() => this.resize()).observe(this.canvas);
+    untilClosed(this.canvas, gl, this.ending.signal, () => this.resize());
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.layer = new PlaneLayer(gl, this.facts, this.pyramid);

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Maps in the browser: what a page is given, the page, and the server on this machine."""
+"""Maps in the browser: what a page is given, the page, its server, and the widget."""

@@ -46,7 +46,7 @@ _PAGE = """<!doctype html>
 
 
 def page_part(name: str) -> bytes:
-    """A file of the page as it was built: "viewer.js" or "viewer.css"."""
+    """A file as it was built: "viewer.js" or "viewer.css" of the page, "widget.js" of notebooks."""
     return files("oddsmap.viewer").joinpath("page", name).read_bytes()
 
 
