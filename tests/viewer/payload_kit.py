@@ -44,6 +44,30 @@ def voxels_of(payload: bytes) -> dict[tuple[int, int, int], tuple[float, float]]
     return found
 
 
+def air_of(payload: bytes) -> dict[tuple[int, int, int], float]:
+    """Passes [votes] of each voxel without hits that the page gets."""
+    facts, sections = parts_of(payload)
+    air, size = facts["air"], facts["bytes"]
+    width = facts["hi"][1] - facts["lo"][1]
+    found: dict[tuple[int, int, int], float] = {}
+    for slab in air["slabs"]:
+        rows, gaps, lengths, passes = (
+            numbers_of(sections, f"air.{slab}.{name}", n)
+            for name, n in (("rows", 4), ("gaps", 2), ("lengths", 2), ("passes", size))
+        )
+        row = x = at = 0
+        for step, gap, less in zip(rows, gaps, lengths, strict=True):
+            row, x = row + step, (x + gap) % 65536
+            height, y = divmod(row, width)
+            for _ in range(less + 1):
+                place = (x, y, slab * air["heights"] + height)
+                voxel = tuple(a + b for a, b in zip(place, facts["lo"], strict=True))
+                found[voxel[0], voxel[1], voxel[2]] = passes[at] * facts["unit"]
+                x, at = x + 1, at + 1
+        assert at == len(passes)
+    return found
+
+
 def cells_of(payload: bytes) -> dict[Cell, tuple[float, float]]:
     """Hits and passes [votes] of each cell that has any."""
     facts, sections = parts_of(payload)

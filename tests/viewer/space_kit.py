@@ -18,7 +18,7 @@ RESOLUTION = 0.25
 
 
 def room_map() -> EvidenceMap:
-    """Walls and a floor of many counts, air, far from the origin of the map."""
+    """Walls and a floor of many counts, air, an unknown corner, far from the origin of the map."""
     rng = np.random.default_rng(0)
     z, y, x = np.mgrid[0:12, 0:40, 0:30].reshape(3, -1)
     wall = (x < 2) | (y < 2) | (z < 2)
@@ -26,7 +26,8 @@ def room_map() -> EvidenceMap:
     passes = rng.poisson(np.where(wall, 3, 20)) + 1
     grid = EvidenceMap(RESOLUTION, ndim=3)
     index = np.stack([x - 100, y + 22_000_000, z - 3], axis=1)
-    grid.add_cells(index, hits * ONE, passes * ONE)
+    seen = (x < 20) | (y < 30) | (z < 2)
+    grid.add_cells(index[seen], hits[seen] * ONE, passes[seen] * ONE)
     return grid
 
 

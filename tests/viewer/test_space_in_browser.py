@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import io
+import re
 import shlex
 import sys
 from collections.abc import Iterator
@@ -115,6 +116,7 @@ def test_calibrated(shown: Opened, room: EvidenceMap) -> None:
 
 
 def test_a_clip_box_cuts_at_the_middle_of_voxels(shown: Opened, room: EvidenceMap) -> None:
+    shown.page.get_by_text("Clip box").click()
     index, _, _ = room.cells()
     occupied = wanted(room, room.log_odds(), room.config.posterior.thresholds.occupied)
     ends = {"x": (-24.3, -18.1), "y": (5_500_000.1, 5_500_004.9), "z": (-0.4, 0.9)}
@@ -150,7 +152,7 @@ def test_the_nearer_voxel_hides_the_farther(browser: Browser, tmp_path: Path, ab
         want = np.array([253, 231, 37]) if above else np.array([68, 1, 84]) * 0.55
         assert np.abs(seen - want).max() <= 3
         # The box fills just the pixels that it covers: a square, as seen along an axis.
-        there = (image[:-90] != image[0, 0]).any(axis=-1)  # without the box of words
+        there = (image[:-130] != image[0, 0]).any(axis=-1)  # without words and axes
         rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
         assert there[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].all()
         focal, distance = found.get("[oddsmap.camera.focal, oddsmap.camera.distance]")
@@ -194,6 +196,78 @@ def test_mouse_and_keys_turn_and_move(shown: Opened) -> None:
     assert state()[:3] != pytest.approx(eye)
 
 
+def test_fingers_turn_move_and_zoom(browser: Browser, room: EvidenceMap, tmp_path: Path) -> None:
+    with opened(browser, page_of(room, tmp_path), offline=True, has_touch=True) as found:
+        touch = found.page.context.new_cdp_session(found.page)
+
+        def send(kind: str, *places: tuple[int, int]) -> None:
+            points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(places)]
+            touch.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+            found.words()
+
+        def state() -> dict[str, Any]:
+            camera = "(({ yaw, pitch, distance, target }) => ({ yaw, pitch, distance, target }))"
+            return dict(found.get(f"{camera}(oddsmap.camera)"))
+
+        fitted = state()
+        send("Start", (200, 200))
+        send("Move", (260, 230))
+        send("End")
+        turned = state()
+        assert turned["yaw"] < fitted["yaw"]
+        assert turned["pitch"] > fitted["pitch"]
+        assert (turned["target"], turned["distance"]) == (fitted["target"], fitted["distance"])
+        send("Start", (200, 200), (300, 200))
+        send("Move", (150, 200), (350, 200))
+        apart = state()
+        assert apart["distance"] == pytest.approx(turned["distance"] / 2, rel=0.01)
+        send("Move", (150, 260), (350, 260))
+        send("End")
+        moved = state()
+        assert moved["target"] != pytest.approx(apart["target"])
+        assert moved["distance"] == pytest.approx(apart["distance"], rel=0.05)
+        assert (moved["yaw"], moved["pitch"]) == (turned["yaw"], turned["pitch"])
+        assert found.complaints == []
+
+
+def test_the_bar_is_as_long_as_it_says_and_axes_point_their_way(shown: Opened) -> None:
+    shown.get("(oddsmap.camera.zoom(3), oddsmap.camera.turn(40, 30), oddsmap.store.set({}))")
+    shown.words()
+    bar = shown.page.locator(".scale-bar")
+    ((length, unit),) = re.findall(r"^(\S+) (\S+) \(middle\)$", bar.inner_text())
+    voxels = float(length) * {"km": 1000, "m": 1, "cm": 0.01, "mm": 0.001}[unit] / RESOLUTION
+    seen = (
+        "(along, far) => oddsmap.camera.seen("
+        "oddsmap.camera.target.map((x, i) => x + along[i] * far)).slice(0, 2)"
+    )
+    middle, end = shown.get(
+        f"[0, n].map((far) => ({seen})(oddsmap.camera.axes()[0], far))", n=voxels
+    )
+    width = shown.get("document.querySelector('.scale-bar').style.width")
+    assert np.hypot(*np.subtract(end, middle)) == pytest.approx(float(width[:-2]), rel=1e-3)
+    for axis, name in enumerate("xyz"):
+        line = shown.page.locator(f".axes .{name}")
+        drawn = [float(line.get_attribute(end) or "nan") for end in ("x2", "y2")]
+        along = [float(i == axis) for i in range(3)]
+        tip = shown.get(f"({seen})(along, 1e-3)", along=along)
+        way = np.arctan2(tip[1] - middle[1], tip[0] - middle[0])
+        assert np.arctan2(drawn[1], drawn[0]) == pytest.approx(way, abs=0.05)
+
+
+def test_legend_and_command_are_in_sight(
+    browser: Browser, room: EvidenceMap, tmp_path: Path
+) -> None:
+    size = {"width": 1280, "height": 800}
+    with opened(browser, page_of(room, tmp_path), offline=True, viewport=size) as found:
+        for part in (found.page.locator(".legend"), found.page.get_by_text("Copy command")):
+            box = part.bounding_box()
+            assert box is not None
+            assert box["y"] + box["height"] <= 800
+        assert not found.number("x from [m]").is_visible()
+        found.page.get_by_text("Clip box").click()
+        assert found.number("x from [m]").is_visible()
+
+
 def test_a_copied_command_runs(
     shown: Opened, room: EvidenceMap, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -216,7 +290,8 @@ def test_axe_finds_nothing(
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     options = {"color_scheme": scheme, "viewport": {"width": width, "height": 700}}
     with opened(browser, page_of(room, tmp_path), offline=True, **options) as found:
-        found.set(prior=0.9, clamped=True)
+        found.set(prior=0.9, clamped=True, sliced=True, voxels="known")
+        found.page.get_by_text("Clip box").click()
         counted(found)
         report = axe.Axe().run(found.page)
         assert report.violations_count == 0, report.generate_report()

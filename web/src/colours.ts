@@ -34,9 +34,20 @@ export function paletteOf(set: Settings, night: boolean): Palette {
   };
 }
 
-/** Of voxels: the same by day and by night, as their faces have shades of their own. */
-export const spacePalette = (night: boolean): Palette => ({
-  ramp: VIRIDIS.map(hex), unknown: hex(night ? "#0f141a" : "#e8edf2"), undecided: hex("#e09a3a"),
+/** What colours of a 3D map mean: of voxels, of cells of a slice, and of points of free space. */
+export interface SpacePalettes {
+  readonly voxels: Palette;
+  readonly slice: Palette;
+  readonly free: Colour;
+  readonly background: Colour;
+}
+
+export const spacePalettes = (set: Settings, night: boolean): SpacePalettes => ({
+  // The same by day and by night, as faces have shades of their own.
+  voxels: { ramp: VIRIDIS.map(hex), unknown: hex(night ? "#0f141a" : "#e8edf2"), undecided: hex("#e09a3a") },
+  slice: paletteOf(set, night),
+  free: hex(night ? "#56b4e9" : "#0072b2"),
+  background: hex(night ? "#0f141a" : "#e8edf2"),
 });
 
 export const css = (colour: Colour): string => `rgb(${colour.join(" ")})`;

@@ -5,10 +5,10 @@ import { commandOf } from "./command";
 import { css, type Palette } from "./colours";
 import { element, uniqueId } from "./dom";
 import type { Facts } from "./payload";
-import { isProbability, logit, sigmoid, valueOf } from "./posterior";
-import { type NumberName, type Settings, settingsOf, showsShare, spanOf, type Store } from "./settings";
+import { isProbability, logit, sigmoid } from "./posterior";
+import { type NumberName, type Settings, settingsOf, showsShare, type Store } from "./settings";
 
-interface Slider {
+export interface Slider {
   readonly name: NumberName;
   readonly label: string;
   readonly lo: number;
@@ -23,7 +23,7 @@ interface Slider {
   readonly metres?: boolean;
 }
 
-const GAP = 0.001;
+export const GAP = 0.001;
 const isStates = (set: Settings): boolean => isProbability(set.posterior) && set.colours === "states";
 const isClamped = (set: Settings): boolean => isProbability(set.posterior) && set.clamped;
 // The calibrated posterior brings its own.
@@ -31,7 +31,7 @@ const isBeta = (set: Settings): boolean => showsShare(set) && set.posterior !== 
 const isCalibrated = (set: Settings): boolean => set.posterior === "calibrated";
 const isLogOdds = (set: Settings): boolean => set.posterior === "log-odds";
 
-const SLIDERS: readonly Slider[] = [
+export const SLIDERS: readonly Slider[] = [
   { name: "pHit", label: "p_hit, after a hit", lo: 0.5001, hi: 0.9999, of: isLogOdds, scale: "logit" },
   { name: "pMiss", label: "p_miss, after a pass", lo: 0.0001, hi: 0.4999, of: isLogOdds, scale: "logit" },
   { name: "prior", label: "prior", lo: 0.0001, hi: 0.9999, of: isLogOdds, scale: "logit" },
@@ -56,23 +56,6 @@ const SLIDERS: readonly Slider[] = [
   { name: "betaB", label: "prior passes [votes]", lo: 0.01, hi: 100, of: isBeta, scale: "log" },
 ];
 
-/** The sliders of a map: of a 3D one, those that decide what is occupied, and its clip box. */
-function slidersOf(facts: Facts): Slider[] {
-  if (facts.kind === "plane") return [...SLIDERS];
-  const own = SLIDERS.filter(({ name }) => name !== "free").map((slider): Slider => slider.name !== "occupied" ? slider
-    : { ...slider, of: () => true, between: () => [facts.free + GAP, 1] });
-  const clips = ([[0, "x"], [1, "y"], [2, "z"]] as const).flatMap(([axis, word]): Slider[] => {
-    const [lo, hi] = spanOf(facts, axis);
-    const [low, high] = [`${word}Low`, `${word}High`] as [NumberName, NumberName];
-    const common = { lo, hi, of: () => true, scale: "linear", metres: true } as const;
-    return [
-      { ...common, name: low, label: `${word} from [m]`, between: (set) => [lo, set[high]] },
-      { ...common, name: high, label: `${word} to [m]`, between: (set) => [set[low], hi] },
-    ];
-  });
-  return [...own, ...clips];
-}
-
 const identity = (x: number): number => x;
 const SCALES = { linear: [identity, identity], logit: [logit, sigmoid], log: [Math.log, Math.exp] } as const;
 
@@ -82,18 +65,20 @@ export interface Panel {
   update(palette: Palette): void;
 }
 
-export function panelOf(facts: Facts, store: Store): Panel {
-  const space = facts.kind === "space";
-  const paint = choice("Colours", [
-    ["height", "Height"], ["probability", "Probability"], ["hits", "Hits"],
-    ["reflection", "Share of beams reflected"], ["interval-width", "How uncertain that share is"],
-  ], (value) => store.set({ paint: value as Settings["paint"] }));
-  const drag = choice("A drag turns", [["orbit", "The map (orbit)"], ["fly", "The eye (fly)"]],
-    (value) => store.set({ drag: value as Settings["drag"] }));
+/** What a panel has for maps of one kind only. */
+export interface Special {
+  readonly sliders: readonly Slider[];
+  readonly roots: readonly HTMLElement[];
+  update(set: Settings): void;
+  doubts(set: Settings): string[];
+  legend(set: Settings): HTMLElement[];
+}
+
+export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
   const posterior = choice("Posterior", [
     ["log-odds", "Occupied? Log odds"],
     ...(facts.calibrated ? [["calibrated", "Occupied? Calibrated"] as const] : []),
-    ...(space ? [] : [
+    ...(special ? [] : [
       ["reflection", "Share of beams reflected"] as const, ["interval-width", "How uncertain that share is"] as const,
     ]),
   ], (value) => store.set({ posterior: value as Settings["posterior"] }));
@@ -101,11 +86,8 @@ export function panelOf(facts: Facts, store: Store): Panel {
     (value) => store.set({ colours: value as Settings["colours"] }));
   const fromAfar = choice("From afar", [["walls", "Most occupied cell"], ["sums", "Evidence added up"]],
     (value) => store.set({ fromAfar: value as Settings["fromAfar"] }));
-  const clamped = element("input", { type: "checkbox", id: uniqueId() });
-  clamped.addEventListener("change", () => store.set({ clamped: clamped.checked }));
-  const clamp = element("div", { class: "check" }, clamped,
-    element("label", { for: clamped.id }, "Clamp probabilities"));
-  const sliders = slidersOf(facts);
+  const clamp = check("Clamp probabilities", (checked) => store.set({ clamped: checked }));
+  const sliders = special?.sliders ?? SLIDERS;
   const rows = sliders.map((slider) => row(slider, store));
   const reset = element("button", { type: "button" }, "As the map has it");
   reset.addEventListener("click", () => store.set(settingsOf(facts)));
@@ -121,13 +103,10 @@ export function panelOf(facts: Facts, store: Store): Panel {
   }));
   // The box that switches the bounds on stands above them.
   const first = sliders.findIndex((slider) => slider.name === "clampLow");
-  const [beforeClamp, fromClamp] = [rows.slice(0, first), rows.slice(first, sliders.length - (space ? 6 : 0))];
-  const box = element("fieldset", { class: "clip" }, element("legend", {}, "Clip box"),
-    ...rows.slice(sliders.length - 6).map((one) => one.root));
-  const ofKind = space ? [paint.root, drag.root, box] : [fromAfar.root];
+  const [beforeClamp, fromClamp] = [rows.slice(0, first), rows.slice(first)];
   const root = element("section", { class: "panel", "aria-label": "How the map is shown" },
-    posterior.root, doubt, ...(space ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp,
-    ...fromClamp.map((one) => one.root), ...ofKind, reset, legend,
+    posterior.root, doubt, ...(special ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp.root,
+    ...fromClamp.map((one) => one.root), ...(special?.roots ?? [fromAfar.root]), reset, legend,
     element("div", { class: "command" }, command, copy));
   return {
     root,
@@ -135,29 +114,35 @@ export function panelOf(facts: Facts, store: Store): Panel {
       const set = store.value;
       posterior.select.value = set.posterior;
       colours.select.value = set.colours;
-      paint.select.value = set.paint;
-      drag.select.value = set.drag;
       fromAfar.select.value = set.fromAfar;
-      clamped.checked = set.clamped;
-      colours.root.hidden = clamp.hidden = !isProbability(set.posterior);
+      clamp.box.checked = set.clamped;
+      colours.root.hidden = clamp.root.hidden = !isProbability(set.posterior);
       fromAfar.root.hidden = set.posterior === "interval-width";
       for (const one of rows) one.update(set);
-      doubt.textContent = doubtOf(facts, set);
+      special?.update(set);
+      doubt.textContent = [...(special?.doubts(set) ?? []), doubtOf(facts, set)].join(" ").trim();
       doubt.hidden = doubt.textContent === "";
-      legend.replaceChildren(...legendOf(facts, set, palette));
+      legend.replaceChildren(...(special?.legend(set) ?? legendOf(set, palette)));
       command.textContent = commandOf(facts, set);
     },
   };
 }
 
-function choice(label: string, options: (readonly [string, string])[], chosen: (value: string) => void) {
+/** A box to tick. */
+export function check(label: string, changed: (checked: boolean) => void) {
+  const box = element("input", { type: "checkbox", id: uniqueId() });
+  box.addEventListener("change", () => changed(box.checked));
+  return { root: element("div", { class: "check" }, box, element("label", { for: box.id }, label)), box };
+}
+
+export function choice(label: string, options: (readonly [string, string])[], chosen: (value: string) => void) {
   const select = element("select", { id: uniqueId() },
     ...options.map(([value, text]) => element("option", { value }, text)));
   select.addEventListener("change", () => chosen(select.value));
   return { root: element("div", { class: "choice" }, element("label", { for: select.id }, label), select), select };
 }
 
-function row(slider: Slider, store: Store) {
+export function row(slider: Slider, store: Store) {
   const [forth, back] = SCALES[slider.scale];
   const id = uniqueId();
   const range = element("input", {
@@ -202,12 +187,6 @@ const rounded = (value: number): number => Number(value < 1 ? value.toFixed(4) :
 
 function doubtOf(facts: Facts, set: Settings): string {
   if (facts.rounded) return "Weights of this map are too large for the page and were rounded to 32 bits.";
-  if (facts.kind === "space") {
-    // Passes only lower a probability: of voxels without hits, that with the fewest has the highest.
-    if (facts.unhit !== null && valueOf(facts, set, 0, facts.unhit) >= set.occupied) {
-      return "So set, voxels without a hit are occupied, too: they are neither drawn nor counted.";
-    }
-  }
   if (!showsShare(set)) return "";
   if (facts.sensor === "cone") {
     return "Counting does badly under wide beams, whose hits belong to one cell of many.";
@@ -218,12 +197,13 @@ function doubtOf(facts: Facts, set: Settings): string {
   return "";
 }
 
-function legendOf(facts: Facts, set: Settings, palette: Palette): HTMLElement[] {
-  const swatch = (colour: string, text: string): HTMLElement => {
-    const box = element("span", { class: "swatch" });
-    box.style.backgroundColor = colour;
-    return element("span", { class: "entry" }, box, text);
-  };
+export function swatch(colour: string, text: string): HTMLElement {
+  const box = element("span", { class: "swatch" });
+  box.style.backgroundColor = colour;
+  return element("span", { class: "entry" }, box, text);
+}
+
+function legendOf(set: Settings, palette: Palette): HTMLElement[] {
   const unknown = swatch(css(palette.unknown), "unknown");
   const { ramp } = palette;
   if (isStates(set)) {
@@ -232,27 +212,16 @@ function legendOf(facts: Facts, set: Settings, palette: Palette): HTMLElement[] 
       swatch(css(ramp[ramp.length - 1]!), "occupied"), unknown,
     ];
   }
-  if (facts.kind === "space") return [rampOf(ramp, spaceEnds(set))];
   return [rampOf(ramp, ["0", MEANINGS[set.posterior], "1"]), unknown];
 }
 
-const MEANINGS = {
+/** What colours are of. */
+export const MEANINGS = {
   "log-odds": "p(occupied)", calibrated: "p(occupied)", reflection: "mean reflectivity",
   "interval-width": "width of the 95 % interval",
 } as const;
 
-/** What the ends of the ramp of voxels mean. */
-function spaceEnds(set: Settings): string[] {
-  const text = (value: number): string => String(Number(value.toPrecision(4)));
-  switch (set.paint) {
-    case "height": return [text(set.zLow), "height [m]", text(set.zHigh)];
-    case "probability": return [text(set.occupied), "p(occupied)", "1"];
-    case "hits": return ["few", "hits, logarithmic", "most"];
-    default: return ["0", MEANINGS[set.paint], "1"];
-  }
-}
-
-function rampOf(ramp: Palette["ramp"], ends: string[]): HTMLElement {
+export function rampOf(ramp: Palette["ramp"], ends: string[]): HTMLElement {
   const bar = element("div", { class: "ramp" });
   bar.style.backgroundImage = `linear-gradient(to right, ${ramp.map(css).join(", ")})`;
   return element("div", { class: "ramp-and-ends" }, bar,

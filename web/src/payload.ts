@@ -50,6 +50,8 @@ export interface SpaceFacts extends CommonFacts {
   voxels: number;
   /** The fewest passes of a voxel without hits [votes]; null where there is none. */
   unhit: number | null;
+  /** Those without hits: heights of a slab, and which slabs there are; null: they are too many. */
+  air: { heights: number; slabs: number[] } | null;
   lo: [number, number, number];
   hi: [number, number, number];
 }

@@ -128,7 +128,8 @@ export class PosteriorTables {
     const { gl, model } = this;
     // A texture is bound while it is made: to a unit that is ours.
     gl.activeTexture(gl.TEXTURE0 + unit);
-    if ([set.posterior, set.paint].includes("interval-width")) this.widths ??= this.table(WIDTHS.side, WIDTHS.side, widths());
+    const shows = [set.posterior, set.paint];
+    if (shows.includes("interval-width")) this.widths ??= this.table(WIDTHS.side, WIDTHS.side, widths());
     [["u_widths", this.widths ?? this.empty] as const, ["u_model", this.fitted] as const].forEach(([name, made], i) => {
       gl.activeTexture(gl.TEXTURE0 + unit + i);
       gl.bindTexture(gl.TEXTURE_2D, made);

@@ -25,6 +25,13 @@ export interface Settings {
   betaB: number;
   /** What the colour of a voxel says. */
   paint: "height" | "probability" | "hits" | "reflection" | "interval-width";
+  /** Which voxels are drawn, those that are not occupied as points: also free, or also undecided ones. */
+  voxels: "occupied" | "free" | "known";
+  /** Of these points. */
+  opacity: number;
+  /** Whether there is a horizontal slice, and at which height [m]. */
+  sliced: boolean;
+  sliceAt: number;
   /** What a drag turns around: the middle of the screen, or the eye. */
   drag: "orbit" | "fly";
   /** The clip box of a 3D map [m]. */
@@ -42,7 +49,7 @@ export const showsShare = (set: Settings): boolean =>
 
 export type NumberName =
   | "pHit" | "pMiss" | "prior" | "fittedPrior" | "free" | "occupied" | "clampLow" | "clampHigh" | "betaA" | "betaB"
-  | "xLow" | "xHigh" | "yLow" | "yHigh" | "zLow" | "zHigh";
+  | "opacity" | "sliceAt" | "xLow" | "xHigh" | "yLow" | "yHigh" | "zLow" | "zHigh";
 
 /** Where a map begins and ends along an axis [m]. */
 export const spanOf = (facts: Facts, axis: 0 | 1 | 2): [number, number] =>
@@ -53,7 +60,7 @@ export function settingsOf(facts: Facts): Settings {
   const [[xLow, xHigh], [yLow, yHigh], [zLow, zHigh]] = [spanOf(facts, 0), spanOf(facts, 1), spanOf(facts, 2)];
   return {
     posterior: "log-odds",
-    colours: "values",
+    colours: facts.kind === "space" ? "states" : "values",
     fromAfar: "walls",
     pHit: facts.p_hit,
     pMiss: facts.p_miss,
@@ -67,6 +74,10 @@ export function settingsOf(facts: Facts): Settings {
     betaA: 1,
     betaB: 1,
     paint: "height",
+    voxels: "occupied",
+    opacity: 0.05,
+    sliced: false,
+    sliceAt: (zLow + zHigh) / 2,
     drag: "orbit",
     xLow, xHigh, yLow, yHigh, zLow, zHigh,
   };

@@ -1,15 +1,35 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lines over a 3D map: around the voxel that is pointed at. They cost no frame of the map.
+// Lines over a 3D map: around the voxel that is pointed at, and the directions of the axes. They cost no
+// frame of the map.
 
 import { drawn } from "./dom";
 import type { SpaceCamera, Vector } from "./space_camera";
 
 /** A voxel is framed at least so large [pixels of the page]. */
 const SMALLEST_FRAME = 8;
+/** Length of an axis that lies in the plane of the screen [pixels of the page]. */
+const AXIS = 26;
 
 export class SpaceOverlay {
   private readonly edges = drawn("path", { class: "edges" });
   readonly root = drawn("svg", { class: "overlay", "aria-hidden": true }, this.edges);
+  private readonly lines = ["x", "y", "z"].map((name) => ({
+    line: drawn("line", { class: name }), name: drawn("text", {}, document.createTextNode(name)),
+  }));
+  readonly axes = drawn("svg", { class: "axes", "aria-hidden": true, viewBox: "-40 -40 80 80" },
+    ...this.lines.flatMap(({ line, name }) => [line, name]));
+
+  /** Show where the axes of the map point. */
+  turn(camera: SpaceCamera): void {
+    const [right, up] = camera.axes();
+    this.lines.forEach(({ line, name }, axis) => {
+      const [x, y] = [right[axis]!, -up[axis]!];
+      line.setAttribute("x2", (AXIS * x).toFixed(1));
+      line.setAttribute("y2", (AXIS * y).toFixed(1));
+      name.setAttribute("x", ((AXIS + 8) * x).toFixed(1));
+      name.setAttribute("y", ((AXIS + 8) * y).toFixed(1));
+    });
+  }
 
   /**
    * Frame a voxel.

@@ -1,27 +1,29 @@
 // SPDX-License-Identifier: Apache-2.0
 // The viewer of a 3D map: its occupied voxels, how many they are, and the panel beside them.
 
-import { type Colour, spacePalette } from "./colours";
+import { airOf, MOST_DRAWN, type Slice, sliceOf, wholeAir } from "./air";
+import { type SpacePalettes, spacePalettes } from "./colours";
 import { element } from "./dom";
 import { Frames, pixelsOf, untilClosed } from "./frames";
 import { headingOf, isDark } from "./heading";
 import { panelOf } from "./panel";
-import type { SpaceFacts } from "./payload";
+import type { Payload, SpaceFacts } from "./payload";
+import { lengthInWords, roundLength } from "./scale_bar";
 import { settingsOf, Store } from "./settings";
 import { SpaceCamera, type Vector } from "./space_camera";
 import { listenInSpace } from "./space_input";
 import { SpaceLayer } from "./space_layer";
+import { spacePanel } from "./space_panel";
 import { SpaceOverlay } from "./space_overlay";
 import { type Picked, SpacePicking } from "./space_picking";
 import { count, describeVotes, indices, metres } from "./words";
-import { clipOf, occupiedIn, type Voxels } from "./voxels";
+import { drawnIn, occupiedIn, type Points, sliceAt, type Voxels } from "./voxels";
 
-const DAY: Colour = [232, 237, 242];
-const NIGHT: Colour = [15, 20, 26];
 /** Voxels are counted once nothing has been changed for so long [ms]. */
 const COUNTED_AFTER = 80;
 /** How far from the pointer a voxel may be where none is under it [pixels of the page]. */
 const BESIDE = [2, 4];
+const SCALE_BAR = 190;
 
 export class SpaceViewer {
   readonly camera: SpaceCamera;
@@ -37,6 +39,7 @@ export class SpaceViewer {
   private readonly counted = element("output", { class: "words", "aria-live": "polite" });
   private readonly position = element("div", { class: "position" });
   private readonly words = element("output", { class: "words" });
+  private readonly bar = element("div", { class: "scale-bar" });
   private readonly overlay = new SpaceOverlay();
   private readonly picking;
   private readonly listeners: ((index: Vector) => void)[] = [];
@@ -48,14 +51,23 @@ export class SpaceViewer {
   private readonly ending = new AbortController();
   private counting: ReturnType<typeof setTimeout> | undefined;
 
+  private air: Points | null = null;
+  private slice: Slice | null = null;
+  /** Settled once what is not there at the start, free space or a slice, is unpacked and shown. */
+  unpacked: Promise<void> = Promise.resolve();
+  private isUnpacking = false;
+  readonly facts: SpaceFacts;
+
   constructor(
     private readonly root: HTMLElement,
-    readonly facts: SpaceFacts,
+    private readonly payload: Payload<SpaceFacts>,
     readonly voxels: Voxels,
   ) {
+    const { facts } = payload;
+    this.facts = facts;
     this.store = new Store(settingsOf(facts));
     this.camera = new SpaceCamera(voxels.box);
-    this.panel = panelOf(facts, this.store);
+    this.panel = panelOf(facts, this.store, spacePanel(facts, this.store, () => this.palettes()));
     const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
     if (!gl) {
       throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or "
@@ -64,9 +76,9 @@ export class SpaceViewer {
     this.layer = new SpaceLayer(gl, facts, voxels);
     this.picking = new SpacePicking(facts, voxels);
     root.replaceChildren(
-      element("div", { class: "map space" }, this.canvas, this.overlay.root,
-        element("div", { class: "readout" }, this.counted, this.position, this.words)),
-      element("div", { class: "side" }, headingOf(root, facts, () => this.changed(), this.ending.signal), this.panel.root),
+      element("div", { class: "map space" }, this.canvas, this.overlay.root, this.overlay.axes,
+        element("div", { class: "readout" }, this.counted, this.position, this.words), this.bar),
+      element("div", { class: "side space" }, headingOf(root, facts, () => this.changed(), this.ending.signal), this.panel.root),
     );
     this.store.listen(() => this.changed());
     listenInSpace(this.canvas, this.camera, {
@@ -84,6 +96,8 @@ export class SpaceViewer {
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.layer = new SpaceLayer(gl, facts, voxels);
+      this.layer.showAir(this.air);
+      this.layer.showSlice(this.slice);
       this.frames.schedule();
     });
     this.resize();
@@ -144,16 +158,48 @@ export class SpaceViewer {
   }
 
   private changed(): void {
-    this.panel.update(spacePalette(isDark(this.root)));
+    this.panel.update(this.palettes().voxels);
+    if (!this.isUnpacking) this.unpacked = this.unpack();
     this.occupied = null;
     clearTimeout(this.counting);
     this.counting = setTimeout(() => this.count(), COUNTED_AFTER);
     this.frames.schedule();
   }
 
+  private palettes(): SpacePalettes {
+    return spacePalettes(this.store.value, isDark(this.root));
+  }
+
+  /** Unpack what settings ask for, until they ask for nothing else. */
+  private async unpack(): Promise<void> {
+    const { facts, payload } = this;
+    this.isUnpacking = true;
+    try {
+      for (;;) {
+        const height = sliceAt(facts, this.store.value);
+        if (height !== (this.slice?.height ?? null)) {
+          this.slice = height === null ? null : await sliceOf(payload, this.voxels, height);
+          this.layer.showSlice(this.slice);
+          this.picking.showSlice(this.slice);
+        } else if (this.store.value.voxels !== "occupied" && !this.air && facts.air && airOf(facts) <= MOST_DRAWN) {
+          this.air = await wholeAir(payload);
+          this.layer.showAir(this.air);
+        } else {
+          break;
+        }
+        this.frames.schedule();
+      }
+    } catch (error) {
+      const why = error instanceof Error ? error.message : String(error);
+      this.words.replaceChildren(`Free space cannot be shown: ${why}`);
+    } finally {
+      this.isUnpacking = false;
+    }
+  }
+
   private count(): void {
     const { facts, voxels } = this;
-    this.occupied = occupiedIn(facts, voxels, this.store.value, clipOf(facts, this.store.value));
+    this.occupied = occupiedIn(facts, voxels, this.store.value, drawnIn(facts, this.store.value));
     this.counted.textContent = `${count(this.occupied)} occupied voxels, of ${count(voxels.count)} with hits`;
   }
 
@@ -168,8 +214,12 @@ export class SpaceViewer {
   }
 
   private draw(): void {
-    const dark = isDark(this.root);
-    this.layer.draw(this.camera, this.store.value, spacePalette(dark), dark ? NIGHT : DAY);
+    this.layer.draw(this.camera, this.store.value, this.palettes());
+    this.overlay.turn(this.camera);
+    const inPixel = (this.camera.distance / this.camera.focal) * this.ratio() * this.facts.resolution;
+    const length = roundLength(inPixel, SCALE_BAR);
+    this.bar.textContent = `${lengthInWords(length)} (middle)`;
+    this.bar.style.width = `${length / inPixel}px`;
     this.describe();
   }
 

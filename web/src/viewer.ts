@@ -190,6 +190,9 @@ export type AnyViewer = Viewer | SpaceViewer;
 /** Show a map in an element of a page. */
 export async function mount(root: HTMLElement, payload: Payload): Promise<AnyViewer> {
   const { facts } = payload;
-  if (facts.kind === "space") return new SpaceViewer(root, facts, await voxelsOf(payload as Payload<SpaceFacts>));
+  if (facts.kind === "space") {
+    const space = payload as Payload<SpaceFacts>;
+    return new SpaceViewer(root, space, await voxelsOf(space));
+  }
   return new Viewer(root, facts, await pyramidOf(payload as Payload<PlaneFacts>));
 }

@@ -5,13 +5,21 @@ import type { Payload, SpaceFacts } from "./payload";
 import { valueOf } from "./posterior";
 import type { Settings } from "./settings";
 
-export interface Voxels {
+/** Voxels as the graphics card gets them. */
+export interface Points {
   readonly count: number;
   /** Three numbers each, from the first cell of the map, and one that fills up. */
   readonly places: Uint16Array<ArrayBuffer>;
   /** Hits and passes of each, in counts: `unit` votes. */
   readonly counts: Uint8Array<ArrayBuffer> | Uint16Array<ArrayBuffer> | Float32Array<ArrayBuffer>;
   readonly unit: number;
+}
+
+/** Room for the counts of some voxels. */
+export const countsFor = ({ bytes }: SpaceFacts, n: number): Points["counts"] =>
+  bytes === 1 ? new Uint8Array(2 * n) : bytes === 2 ? new Uint16Array(2 * n) : new Float32Array(2 * n);
+
+export interface Voxels extends Points {
   /** The pairs of hits and passes that there are [votes], one after the other. */
   readonly pairs: Float64Array;
   /** Of each voxel, which pair it has; of each pair, how many voxels. */
@@ -39,8 +47,7 @@ export async function voxelsOf(payload: Payload<SpaceFacts>): Promise<Voxels> {
   }
   const hits = await payload.numbers("hits", facts.bytes);
   const passes = await payload.numbers("passes", facts.bytes);
-  const counts = facts.bytes === 1 ? new Uint8Array(2 * n)
-    : facts.bytes === 2 ? new Uint16Array(2 * n) : new Float32Array(2 * n);
+  const counts = countsFor(facts, n);
   const numbers = new Map<number, number>();
   const pairs: number[] = [];
   const times: number[] = [];
@@ -82,7 +89,20 @@ export interface Clip {
   readonly hi: readonly number[];
 }
 
-/** The voxels that settings leave, from the first cell of the map: those with their middle inside. */
+/** The height of the slice, from the first cell of the map; null: there is none. */
+export function sliceAt(facts: SpaceFacts, set: Settings): number | null {
+  if (!set.sliced || !facts.air) return null;
+  const height = Math.floor(set.sliceAt / facts.resolution + 1e-6) - facts.lo[2];
+  return Math.min(Math.max(height, 0), facts.hi[2] - facts.lo[2] - 1);
+}
+
+/** The voxels that are drawn as boxes, or as points: those of the clip box that lie below the slice. */
+export function drawnIn(facts: SpaceFacts, set: Settings): Clip {
+  const { lo, hi } = clipOf(facts, set);
+  return { lo, hi: [hi[0]!, hi[1]!, Math.min(hi[2]!, sliceAt(facts, set) ?? Infinity)] };
+}
+
+/** The voxels that the clip box leaves, from the first cell of the map: those with their middle inside. */
 export function clipOf(facts: SpaceFacts, set: Settings): Clip {
   const ends = [[set.xLow, set.xHigh], [set.yLow, set.yHigh], [set.zLow, set.zHigh]] as const;
   const first = (metres: number, axis: number): number =>

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A 3D map of evidence as the page takes it: the voxels with hits, one by one.
+"""A 3D map of evidence as the page takes it: the voxels with hits, one by one, and the air.
 
-A voxel without a hit is not sent: passes only lower its probability, so that it is occupied only
-where the prior (or the lowest probability of a clamp) already is. The page says so where that is
-the case, and for it gets `unhit`, the fewest passes of such a voxel.
+Passes only lower a probability: a voxel without a hit is occupied only where the prior (or the
+lowest probability of a clamp) already is. So the page draws those with hits, unpacks the others
+when they are asked for (`oddsmap.viewer.air`), and says so where it leaves out occupied ones, for
+which it gets `unhit`, the fewest passes of such a voxel.
 
 Voxels that others bury are sent: under another threshold, or cut open by a clip box, they show.
 """
@@ -18,6 +19,7 @@ from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 from oddsmap.limits import in_metres
+from oddsmap.viewer.air import Air
 from oddsmap.viewer.facts import census_of, facts_of, packing_of
 from oddsmap.viewer.payload import BytePlanes, payload_of
 
@@ -53,7 +55,8 @@ def space_payload(evidence: Evidence, name: str) -> bytes:
             f"{name}: the page cannot show {sides} m at {evidence.resolution:g} m; show a part "
             "(oddsmap crop) or a coarser map (oddsmap resample)"
         )
-    index, hits, passes, unhit = _hit_voxels(evidence)
+    air = Air(lo, hi, packing)
+    index, hits, passes, unhit = _hit_voxels(evidence, air)
     if not 0 < len(index) <= _MOST_VOXELS:
         raise InputError(
             f"{name}: no voxel of the map has a hit, nothing to show"
@@ -69,9 +72,10 @@ def space_payload(evidence: Evidence, name: str) -> bytes:
         "kind": "space",
         "voxels": len(index),
         "unhit": None if unhit is None else unhit / ONE,
+        "air": air.facts(),
         **facts_of(evidence, name, packing, census.cells, bounds),
     }
-    return payload_of(facts, arrays)
+    return payload_of(facts, arrays + air.arrays())
 
 
 def _packed(name: str, values: IntArray, dtype: npt.DTypeLike) -> BytePlanes:
@@ -80,8 +84,8 @@ def _packed(name: str, values: IntArray, dtype: npt.DTypeLike) -> BytePlanes:
     return planes
 
 
-def _hit_voxels(evidence: Evidence) -> tuple[IntArray, IntArray, IntArray, int | None]:
-    """The voxels with hits, x changing fastest, and what has none.
+def _hit_voxels(evidence: Evidence, air: Air) -> tuple[IntArray, IntArray, IntArray, int | None]:
+    """The voxels with hits, x changing fastest; those without go into the air.
 
     Returns:
         index, shape (n, 3); hits and passes [units]; the fewest passes [units] of a voxel without
@@ -94,6 +98,7 @@ def _hit_voxels(evidence: Evidence) -> tuple[IntArray, IntArray, IntArray, int |
         if not hit.all():
             fewest = int(passes[~hit].min())
             unhit = fewest if unhit is None else min(unhit, fewest)
+            air.append(index[~hit], passes[~hit])
         kept.append((index[hit], hits[hit], passes[hit]))
     index, hits, passes = (np.concatenate(part) for part in zip(*kept, strict=True))
     return index, hits, passes, unhit
