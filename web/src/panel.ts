@@ -4,8 +4,9 @@
 import { commandOf } from "./command";
 import { css, type Palette } from "./colours";
 import { element, uniqueId } from "./dom";
+import { posteriorOf } from "./given";
 import type { Facts } from "./payload";
-import { isProbability, logit, sigmoid, valueOf } from "./posterior";
+import { isOfCounts, isProbability, logit, sigmoid, valueOf } from "./posterior";
 import { type NumberName, type Settings, settingsOf, spanOf, type Store } from "./settings";
 
 interface Slider {
@@ -25,7 +26,8 @@ interface Slider {
 
 const GAP = 0.001;
 const isStates = (set: Settings): boolean => isProbability(set.posterior) && set.colours === "states";
-const isClamped = (set: Settings): boolean => isProbability(set.posterior) && set.clamped;
+const mayBeClamped = (set: Settings): boolean => isProbability(set.posterior) && isOfCounts(set.posterior);
+const isClamped = (set: Settings): boolean => mayBeClamped(set) && set.clamped;
 const isBeta = (set: Settings): boolean => !isProbability(set.posterior);
 const isCalibrated = (set: Settings): boolean => set.posterior === "calibrated";
 const isLogOdds = (set: Settings): boolean => set.posterior === "log-odds";
@@ -87,13 +89,12 @@ export function panelOf(facts: Facts, store: Store): Panel {
     (value) => store.set({ paint: value as Settings["paint"] }));
   const drag = choice("A drag turns", [["orbit", "The map (orbit)"], ["fly", "The eye (fly)"]],
     (value) => store.set({ drag: value as Settings["drag"] }));
-  const posterior = choice("Posterior", [
-    ["log-odds", "Occupied? Log odds"],
-    ...(facts.calibrated ? [["calibrated", "Occupied? Calibrated"] as const] : []),
-    ...(space ? [] : [
-      ["reflection", "Share of beams reflected"] as const, ["interval-width", "How uncertain that share is"] as const,
-    ]),
-  ], (value) => store.set({ posterior: value as Settings["posterior"] }));
+  const posterior = choice("Posterior", posteriorsOf(facts), (value) => {
+    const chosen = { posterior: value as Settings["posterior"] };
+    // Only counts can be coloured by hits.
+    const byHits = store.value.paint === "hits" && !isOfCounts(chosen.posterior);
+    store.set(byHits ? { ...chosen, paint: "probability" } : chosen);
+  });
   const colours = choice("Colours", [["values", "Probability"], ["states", "Free, undecided, occupied"]],
     (value) => store.set({ colours: value as Settings["colours"] }));
   const fromAfar = choice("From afar", [["walls", "Most occupied cell"], ["sums", "Evidence added up"]],
@@ -107,6 +108,8 @@ export function panelOf(facts: Facts, store: Store): Panel {
   const reset = element("button", { type: "button" }, "As the map has it");
   reset.addEventListener("click", () => store.set(settingsOf(facts)));
   const doubt = element("p", { class: "doubt", role: "status" });
+  const note = element("p", { class: "note", role: "status" },
+    "Probabilities without counts: thresholds can be set here, a sensor model cannot.");
   const legend = element("div", { class: "legend" });
   const command = element("code", {
     tabindex: 0, role: "textbox", "aria-readonly": true, "aria-label": "Command that exports what is shown",
@@ -123,7 +126,7 @@ export function panelOf(facts: Facts, store: Store): Panel {
     ...rows.slice(sliders.length - 6).map((one) => one.root));
   const ofKind = space ? [paint.root, drag.root, box] : [fromAfar.root];
   const root = element("section", { class: "panel", "aria-label": "How the map is shown" },
-    posterior.root, doubt, ...(space ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp,
+    posterior.root, note, doubt, ...(space ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp,
     ...fromClamp.map((one) => one.root), ...ofKind, reset, legend,
     element("div", { class: "command" }, command, copy));
   return {
@@ -136,8 +139,11 @@ export function panelOf(facts: Facts, store: Store): Panel {
       drag.select.value = set.drag;
       fromAfar.select.value = set.fromAfar;
       clamped.checked = set.clamped;
-      colours.root.hidden = clamp.hidden = !isProbability(set.posterior);
-      fromAfar.root.hidden = set.posterior === "interval-width";
+      colours.root.hidden = !isProbability(set.posterior);
+      clamp.hidden = !mayBeClamped(set);
+      note.hidden = isOfCounts(set.posterior);
+      paint.select.options[2]!.hidden = !isOfCounts(set.posterior);
+      fromAfar.root.hidden = set.posterior === "interval-width" || !isOfCounts(set.posterior);
       for (const one of rows) one.update(set);
       doubt.textContent = doubtOf(facts, set);
       doubt.hidden = doubt.textContent === "";
@@ -145,6 +151,20 @@ export function panelOf(facts: Facts, store: Store): Panel {
       command.textContent = commandOf(facts, set);
     },
   };
+}
+
+/** The posteriors of a map, with what they are called: what is worked out here, and what came with it. */
+function posteriorsOf(facts: Facts): [Settings["posterior"], string][] {
+  const own: [Settings["posterior"], string][] = facts.counts ? [["log-odds", "Occupied? Log odds"]] : [];
+  if (facts.calibrated) own.push(["calibrated", "Occupied? Calibrated"]);
+  if (facts.counts && facts.kind === "plane") {
+    own.push(["reflection", "Share of beams reflected"], ["interval-width", "How uncertain that share is"]);
+  }
+  facts.given.forEach(({ what, name }, i) => {
+    const word = what.charAt(0).toUpperCase() + what.slice(1);
+    own.push([posteriorOf(i), `Occupied? ${word}${facts.counts || i > 0 ? `, ${name}` : ""}`]);
+  });
+  return own;
 }
 
 function choice(label: string, options: (readonly [string, string])[], chosen: (value: string) => void) {
@@ -199,9 +219,10 @@ const rounded = (value: number): number => Number(value < 1 ? value.toFixed(4) :
 
 function doubtOf(facts: Facts, set: Settings): string {
   if (facts.rounded) return "Weights of this map are too large for the page and were rounded to 32 bits.";
+  if (!isOfCounts(set.posterior)) return "";
   if (facts.kind === "space") {
     // Passes only lower a probability: of voxels without hits, that with the fewest has the highest.
-    if (facts.unhit !== null && valueOf(facts, set, 0, facts.unhit) >= set.occupied) {
+    if (facts.unhit != null && valueOf(facts, set, 0, facts.unhit) >= set.occupied) {
       return "So set, voxels without a hit are occupied, too: they are neither drawn nor counted.";
     }
     return "";
@@ -231,10 +252,8 @@ function legendOf(facts: Facts, set: Settings, palette: Palette): HTMLElement[] 
     ];
   }
   if (facts.kind === "space") return [rampOf(ramp, spaceEnds(set))];
-  const meaning = {
-    "log-odds": "p(occupied)", calibrated: "p(occupied)", reflection: "mean reflectivity",
-    "interval-width": "width of the 95 % interval",
-  }[set.posterior];
+  const meaning = isProbability(set.posterior) ? "p(occupied)"
+    : set.posterior === "reflection" ? "mean reflectivity" : "width of the 95 % interval";
   return [rampOf(ramp, ["0", meaning, "1"]), unknown];
 }
 

@@ -3,7 +3,8 @@
 
 import type { Facts } from "./payload";
 
-export type PosteriorName = "log-odds" | "calibrated" | "reflection" | "interval-width";
+/** A posterior of counts, or one of the maps of probabilities of the page, by its number. */
+export type PosteriorName = "log-odds" | "calibrated" | "reflection" | "interval-width" | `given${number}`;
 
 export interface Settings {
   posterior: PosteriorName;
@@ -48,13 +49,14 @@ export const spanOf = (facts: Facts, axis: 0 | 1 | 2): [number, number] =>
 export function settingsOf(facts: Facts): Settings {
   const [[xLow, xHigh], [yLow, yHigh], [zLow, zHigh]] = [spanOf(facts, 0), spanOf(facts, 1), spanOf(facts, 2)];
   return {
-    posterior: "log-odds",
+    posterior: facts.counts ? "log-odds" : "given0",
     colours: "values",
     fromAfar: "walls",
-    pHit: facts.p_hit,
-    pMiss: facts.p_miss,
-    prior: facts.prior,
-    fittedPrior: facts.calibrated?.share ?? facts.prior,
+    // Without counts nothing depends on these.
+    pHit: facts.p_hit ?? 0.7,
+    pMiss: facts.p_miss ?? 0.4,
+    prior: facts.prior ?? 0.5,
+    fittedPrior: facts.calibrated?.share ?? facts.prior ?? 0.5,
     free: facts.free,
     occupied: facts.occupied,
     clamped: false,

@@ -35,7 +35,7 @@ export class SpaceLayer {
     this.attribute(1, 2, type, 0, voxels.counts);
     this.largestPoint = (gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE) as Float32Array)[1]!;
     this.program = compile(gl, SPACE_VERTEX, SPACE_FRAGMENT);
-    this.tables = new PosteriorTables(gl, facts.calibrated, (bytes) => (this.stats.uploaded += bytes));
+    this.tables = new PosteriorTables(gl, facts, (bytes) => (this.stats.uploaded += bytes));
     const error = gl.getError();
     if (error === gl.OUT_OF_MEMORY) {
       throw new Error("the graphics card has no room for this map: show a part of it (oddsmap crop)");

@@ -4,6 +4,7 @@
 import { type Colour, spacePalette } from "./colours";
 import { element } from "./dom";
 import { Frames, pixelsOf } from "./frames";
+import { givenOf, sheetOf, type Sheets } from "./given";
 import { headingOf, isDark } from "./heading";
 import { panelOf } from "./panel";
 import type { SpaceFacts } from "./payload";
@@ -24,7 +25,7 @@ export class SpaceViewer {
   readonly store: Store;
   /** How many voxels are occupied and inside the clip box; null: they are being counted. */
   occupied: number | null = null;
-  private layer: SpaceLayer;
+  private layers: ReadonlyMap<string, SpaceLayer>;
   private readonly canvas = element("canvas", {
     tabindex: 0, role: "application",
     "aria-label": "Map in space. Arrow keys turn it; W, A, S, D, Q and E move; plus and minus zoom; "
@@ -38,17 +39,17 @@ export class SpaceViewer {
   constructor(
     private readonly root: HTMLElement,
     readonly facts: SpaceFacts,
-    readonly voxels: Voxels,
+    private readonly sheets: Sheets<Voxels>,
   ) {
     this.store = new Store(settingsOf(facts));
-    this.camera = new SpaceCamera(voxels.box);
+    this.camera = new SpaceCamera(this.voxels.box);
     this.panel = panelOf(facts, this.store);
     const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
     if (!gl) {
       throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or "
         + "switch hardware acceleration on");
     }
-    this.layer = new SpaceLayer(gl, facts, voxels);
+    this.layers = this.layersOn(gl);
     root.replaceChildren(
       element("div", { class: "map space" }, this.canvas, element("div", { class: "readout" }, this.words)),
       element("div", { class: "side" }, headingOf(root, facts, () => this.changed()), this.panel.root),
@@ -58,12 +59,25 @@ export class SpaceViewer {
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
-      this.layer = new SpaceLayer(gl, facts, voxels);
+      this.layers = this.layersOn(gl);
       this.frames.schedule();
     });
     this.resize();
     this.camera.fit();
     this.changed();
+  }
+
+  /** The map that is shown, and what draws it. */
+  get voxels(): Voxels {
+    return this.sheets.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private get layer(): SpaceLayer {
+    return this.layers.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private layersOn(gl: WebGL2RenderingContext): ReadonlyMap<string, SpaceLayer> {
+    return new Map([...this.sheets].map(([name, voxels]) => [name, new SpaceLayer(gl, this.facts, voxels)]));
   }
 
   get frameTime(): number {
@@ -85,7 +99,9 @@ export class SpaceViewer {
   private count(): void {
     const { facts, voxels } = this;
     this.occupied = occupiedIn(facts, voxels, this.store.value, clipOf(facts, this.store.value));
-    this.words.textContent = `${count(this.occupied)} occupied voxels, of ${count(voxels.count)} with hits`;
+    const given = givenOf(facts, this.store.value.posterior);
+    const all = given ? `above p = ${facts.free}` : "with hits";
+    this.words.textContent = `${count(this.occupied)} occupied voxels, of ${count(voxels.count)} ${all}`;
   }
 
   private resize(): void {

@@ -5,10 +5,12 @@ import { Camera } from "./camera";
 import { paletteOf, type Palette } from "./colours";
 import { element } from "./dom";
 import { Frames, pixelsOf } from "./frames";
+import { sheetOf, sheetsOf, type Sheets } from "./given";
 import { headingOf, isDark } from "./heading";
 import { listen } from "./input";
 import { panelOf } from "./panel";
 import type { Payload, PlaneFacts, SpaceFacts } from "./payload";
+import { placeOf } from "./place";
 import { PlaneLayer, shownAt } from "./plane_layer";
 import { valueOf } from "./posterior";
 import { pyramidOf, type Pyramid, votesAt } from "./pyramid";
@@ -25,7 +27,7 @@ const FRAMED_FROM = 5;
 export class Viewer {
   readonly camera: Camera;
   readonly store: Store;
-  private layer: PlaneLayer;
+  private layers: ReadonlyMap<string, PlaneLayer>;
   private readonly canvas = element("canvas", {
     tabindex: 0, role: "application",
     "aria-label": "Map. Arrow keys move it, with Shift by one cell; plus and minus zoom, 0 shows all of it. "
@@ -43,7 +45,7 @@ export class Viewer {
   constructor(
     private readonly root: HTMLElement,
     readonly facts: PlaneFacts,
-    readonly pyramid: Pyramid,
+    private readonly pyramids: Sheets<Pyramid>,
   ) {
     this.store = new Store(settingsOf(facts));
     this.camera = new Camera({ lo: facts.lo, hi: facts.hi });
@@ -53,7 +55,7 @@ export class Viewer {
       throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or "
         + "switch hardware acceleration on");
     }
-    this.layer = new PlaneLayer(gl, facts, pyramid);
+    this.layers = this.layersOn(gl);
     root.replaceChildren(
       element("div", { class: "map" }, this.canvas, this.frame,
         element("div", { class: "readout" }, this.position, this.words), this.bar),
@@ -72,6 +74,19 @@ export class Viewer {
       const shown = this.layer.probe(this.store.value, this.palette(), level, x, y);
       return { shown, exact: valueOf(this.facts, this.store.value, ...votes), votes };
     });
+  }
+
+  /** The map that is shown, and what draws it. */
+  get pyramid(): Pyramid {
+    return this.pyramids.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private get layer(): PlaneLayer {
+    return this.layers.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private layersOn(gl: WebGL2RenderingContext): ReadonlyMap<string, PlaneLayer> {
+    return new Map([...this.pyramids].map(([name, pyramid]) => [name, new PlaneLayer(gl, this.facts, pyramid)]));
   }
 
   get frameTime(): number {
@@ -103,7 +118,7 @@ export class Viewer {
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
-      this.layer = new PlaneLayer(gl, this.facts, this.pyramid);
+      this.layers = this.layersOn(gl);
       this.frames.schedule();
     });
   }
@@ -150,8 +165,8 @@ export class Viewer {
       return;
     }
     const [x, y] = camera.at(...at);
-    this.position.textContent =
-      `x ${metres(x * facts.resolution, facts.resolution)} m, y ${metres(y * facts.resolution, facts.resolution)} m`;
+    const [east, north] = placeOf(facts, x, y);
+    this.position.textContent = `x ${metres(east, facts.resolution)} m, y ${metres(north, facts.resolution)} m`;
     const cell = this.cellAt(x, y);
     this.words.replaceChildren(...describe(facts, this.store.value, cell).map((line) => element("div", {}, line)));
     this.frameAround(cell, ratio);
@@ -184,6 +199,6 @@ export type AnyViewer = Viewer | SpaceViewer;
 /** Show a map in an element of a page. */
 export async function mount(root: HTMLElement, payload: Payload): Promise<AnyViewer> {
   const { facts } = payload;
-  if (facts.kind === "space") return new SpaceViewer(root, facts, await voxelsOf(payload as Payload<SpaceFacts>));
-  return new Viewer(root, facts, await pyramidOf(payload as Payload<PlaneFacts>));
+  if (facts.kind === "space") return new SpaceViewer(root, facts, await sheetsOf(payload as Payload<SpaceFacts>, voxelsOf));
+  return new Viewer(root, facts, await sheetsOf(payload as Payload<PlaneFacts>, pyramidOf));
 }

@@ -3,6 +3,7 @@
 
 import type { PlaneFacts } from "./payload";
 import { betaInterval } from "./beta";
+import { givenOf } from "./given";
 import { isProbability, LEVEL, stateOf, valueOf } from "./posterior";
 import type { Settings } from "./settings";
 
@@ -53,6 +54,8 @@ export interface Cell {
   readonly passes: number;
 }
 
+export const article = (word: string): string => (/^[aeiou]/i.test(word) ? "an" : "a");
+
 /** What is known of a cell: a line each. */
 export function describe(facts: PlaneFacts, set: Settings, cell: Cell): string[] {
   const { hits, passes } = cell;
@@ -61,6 +64,12 @@ export function describe(facts: PlaneFacts, set: Settings, cell: Cell): string[]
     ? `cell ${x}, ${y}`
     : `${cell.factor} \u00d7 ${cell.factor} cells together, ${short(cell.factor * facts.resolution)} m`;
   const seen = hits > 0 || passes > 0;
+  const given = givenOf(facts, set.posterior);
+  if (given) {
+    const p = valueOf(facts, set, hits, passes);
+    const { name, what } = given;
+    return [where, seen ? `${stateOf(set, p, seen)}, p ${chance(p)}` : "unknown", `in ${name}, ${article(what)} ${what}`];
+  }
   if (!seen) return [where, "unknown: no beam was here"];
   const lines = [where, `${many(hits, "hit", "hits")}, ${many(passes, "pass", "passes")}`];
   if (isProbability(set.posterior)) {
