@@ -45,19 +45,19 @@ def test_one_file(run: Run, saved: Path, tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"hall.zarr", "hall.html"}
 
 
-def test_kinds_of_maps_that_the_page_does_not_show(run: Run, tmp_path: Path) -> None:
+def test_a_map_of_any_kind(run: Run, saved: Path, tmp_path: Path) -> None:
     space = EvidenceMap(0.1, ndim=3)
     space.add_cells(np.array([[0, 0, 0]]), np.array([ONE]), np.array([0]))
     space.save(tmp_path / "space.zarr")
-    assert run("view", tmp_path / "space.zarr", "-o", tmp_path / "space.html").status == 0
     space.log_odds().save_octomap(tmp_path / "space.ot")
     full_map(1).save(tmp_path / "full.zarr")
     full_map(1).save_ros(tmp_path / "ros.yaml")
+    for name in ("space.zarr", "space.ot", "full.zarr", "ros.yaml"):
+        page = tmp_path / f"{name}.html"
+        assert run("view", tmp_path / name, "-o", page).status == 0
+        assert f"<title>{name} - oddsmap</title>" in page.read_text(encoding="utf-8")
     (tmp_path / "seen.csv").write_text("x,y\n0,0\n")
     for name, said in (
-        ("space.ot", "an OctoMap has no counts"),
-        ("full.zarr", "a full map has no counts"),
-        ("ros.yaml", "a ROS map has no counts"),
         ("ros.pgm", "an image says no resolution"),
         ("seen.csv", "not a saved map"),
     ):
@@ -65,6 +65,21 @@ def test_kinds_of_maps_that_the_page_does_not_show(run: Run, tmp_path: Path) -> 
         assert line.startswith(f"{tmp_path / name}: ")
         assert said in line
     assert not (tmp_path / "m.html").exists()
+
+
+def test_maps_beside_another(run: Run, saved: Path, tmp_path: Path) -> None:
+    full_map(1).save(tmp_path / "full.zarr")
+    full_map(1).save_ros(tmp_path / "ros.yaml")
+    page = tmp_path / "m.html"
+    others = ("--with", tmp_path / "full.zarr", "--with", tmp_path / "ros.yaml")
+    assert run("view", saved, *others, "-o", page).status == 0
+    for other, said in (
+        (saved, f"--with {saved}: not a map of probabilities; known: a full map"),
+        (tmp_path / "ros.pgm", "an image says no resolution"),
+        (tmp_path / "none.zarr", "no such file"),
+        (page, "not a map of probabilities"),
+    ):
+        assert said in run("view", saved, "--with", other, "-o", tmp_path / "n.html").line
 
 
 # Shells let what runs in the background ignore Ctrl-C, and these tests may.

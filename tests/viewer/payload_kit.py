@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import math
+import struct
 import zlib
 from typing import Any
 
@@ -28,10 +30,52 @@ def numbers_of(sections: dict[str, bytes], name: str, size: int) -> list[int]:
     return [int.from_bytes(bytes(word), "little") for word in zip(*planes, strict=True)]
 
 
+def probabilities_of(payload: bytes, number: int = 0) -> dict[tuple[int, ...], float]:
+    """p of each cell of a map of probabilities of the page."""
+    facts, sections = parts_of(payload)
+    own = facts["given"][number]
+    prefix = f"given{number}."
+    sections = {
+        name.removeprefix(prefix): data
+        for name, data in sections.items()
+        if name.startswith(prefix)
+    }
+    facts = {**facts, **own, "unit": 1.0}
+    read = _cells_of if facts["kind"] == "plane" else _voxels_of
+    codes = read(facts, sections)
+    if own["listed"] is None:
+        return {cell: _evenly_spaced(int(code)) for cell, (code, _) in codes.items()}
+    low, high = (numbers_of(sections, name, 4) for name in ("low", "high"))
+    words = zip(low, high, strict=True)
+    values = [struct.unpack("<d", struct.pack("<II", *pair))[0] for pair in words]
+    assert len(values) == own["listed"]
+    assert values == sorted(set(values))
+    return {cell: values[int(code) - 1] for cell, (code, _) in codes.items()}
+
+
+def _evenly_spaced(code: int) -> float:
+    """The p of which p + 0.001 l is that of a place, l being its log odds: by bisection."""
+    place = -0.04 + 1.08 * (code - 1) / 65534
+    low, high = -41.0, 41.0
+    for _ in range(100):
+        middle = (low + high) / 2
+        if 1 / (1 + math.exp(-middle)) + 0.001 * middle < place:
+            low = middle
+        else:
+            high = middle
+    return 1 / (1 + math.exp(-(low + high) / 2))
+
+
 def voxels_of(payload: bytes) -> dict[tuple[int, int, int], tuple[float, float]]:
     """Hits and passes [votes] of each voxel of a 3D map that the page gets."""
     facts, sections = parts_of(payload)
     assert facts["kind"] == "space"
+    return _voxels_of(facts, sections)
+
+
+def _voxels_of(
+    facts: dict[str, Any], sections: dict[str, bytes]
+) -> dict[tuple[int, int, int], tuple[float, float]]:
     steps = zip(*(numbers_of(sections, axis, 2) for axis in "xyz"), strict=True)
     hits, passes = (numbers_of(sections, name, facts["bytes"]) for name in ("hits", "passes"))
     at = [0, 0, 0]
@@ -72,6 +116,10 @@ def cells_of(payload: bytes) -> dict[Cell, tuple[float, float]]:
     """Hits and passes [votes] of each cell that has any."""
     facts, sections = parts_of(payload)
     assert facts["kind"] == "plane"
+    return _cells_of(facts, sections)
+
+
+def _cells_of(facts: dict[str, Any], sections: dict[str, bytes]) -> dict[Cell, tuple[float, float]]:
     side, size, unit = facts["tile"], facts["bytes"], facts["unit"]
     coords = numbers_of(sections, "coords", 4)
     hits, passes = (numbers_of(sections, name, size) for name in ("hits", "passes"))

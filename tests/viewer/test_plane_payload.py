@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from oddsmap import BeamSensor, EvidenceMap, build_map, open_log
 from oddsmap.errors import InputError
 from oddsmap.kernels.units import ONE
-from oddsmap.viewer.plane import TILE, plane_payload
+from oddsmap.viewer.layout import TILE
+from oddsmap.viewer.plane import plane_payload
 from oddsmap.viewer.text import text_of
 from tests.viewer.payload_kit import cells_of, parts_of
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Colours of cells, which tell states apart also for those who see no red or no green.
 
+import { isProbability } from "./posterior";
 import type { Settings } from "./settings";
 
 export type Colour = readonly [number, number, number];
@@ -26,7 +27,7 @@ const NIGHT = ["#0c1117", "#2b2f34", "#494d51", "#676a6e", "#85888b", "#a3a5a8",
 const VIRIDIS = ["#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"];
 
 export function paletteOf(set: Settings, night: boolean): Palette {
-  const probability = set.posterior === "log-odds" || set.posterior === "calibrated";
+  const probability = isProbability(set.posterior);
   return {
     ramp: (probability ? (night ? NIGHT : DAY) : VIRIDIS).map(hex),
     unknown: hex(night ? "#263443" : "#c7d5e3"),

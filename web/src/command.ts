@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The `oddsmap export` command that writes what is on the screen; of a map without a file, its view.
 
+import { givenOf } from "./given";
 import type { Facts } from "./payload";
 import { isProbability } from "./posterior";
 import { pythonOf } from "./python";
@@ -12,12 +13,16 @@ const quoted = (word: string): string =>
 
 export function commandOf(facts: Facts, set: Settings): string {
   if (facts.name === "") return pythonOf(facts, set);
-  const own = settingsOf(facts);
-  const stem = facts.name.replace(/\.zarr$/i, "") || "map";
+  const given = givenOf(facts, set.posterior);
+  const own = { ...settingsOf(facts), ...(given && { free: given.free, occupied: given.occupied }) };
+  const { name } = given ?? facts;
+  const stem = name.replace(/\.(zarr|ya?ml|bt|ot)$/i, "") || "map";
   const space = facts.kind === "space";
   const states = space || (set.colours === "states" && isProbability(set.posterior));
   const suffix = space ? ".ply" : states ? ".yaml" : ".png";
-  const words = ["oddsmap", "export", quoted(facts.name), quoted(`${stem}${suffix}`)];
+  // A ROS map is not to be written over itself.
+  const output = `${stem}${suffix}` === name ? `${stem}-states${suffix}` : `${stem}${suffix}`;
+  const words = ["oddsmap", "export", quoted(name), quoted(output)];
   const option = (name: string, value: number, usual: number): void => {
     if (value !== usual) words.push(name, String(value));
   };
@@ -28,13 +33,13 @@ export function commandOf(facts: Facts, set: Settings): string {
     option("--prior", set.prior, own.prior);
   } else if (set.posterior === "calibrated") {
     option("--prior", set.fittedPrior, own.fittedPrior);
-  } else {
+  } else if (!given) {
     words.push("--posterior", "reflection");
     if (set.posterior === "interval-width") words.push("--show", "interval-width");
     option("--beta-a", set.betaA, own.betaA);
     option("--beta-b", set.betaB, own.betaB);
   }
-  if (isProbability(set.posterior) && set.clamped) {
+  if (!given && isProbability(set.posterior) && set.clamped) {
     words.push("--clamp", String(set.clampLow), String(set.clampHigh));
   }
   if (states) {

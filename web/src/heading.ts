@@ -3,7 +3,7 @@
 
 import { element } from "./dom";
 import type { Facts } from "./payload";
-import { count, short } from "./words";
+import { article, count, short } from "./words";
 
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 
@@ -16,6 +16,8 @@ export function headingOf(root: HTMLElement, facts: Facts, changed: () => void, 
   const from = facts.sources.map(({ source, scans }) =>
     [source ?? "scans without a file", scans === null ? "" : `${count(scans)} scans`].filter(Boolean).join(", "));
   const shown = from.length > 3 ? [...from.slice(0, 3), `${from.length - 3} more`] : from;
+  const beside = facts.given.slice(facts.counts ? 0 : 1)
+    .map(({ name, what, cells }) => `beside ${name}, ${article(what)} ${what} of ${count(cells)} cells`);
   const theme = element("button", { type: "button", class: "theme" });
   const named = { auto: "Colours as the system has them", light: "Light", dark: "Dark" };
   const next = { auto: "light", light: "dark", dark: "auto" } as const;
@@ -31,5 +33,5 @@ export function headingOf(root: HTMLElement, facts: Facts, changed: () => void, 
   return element("header", {},
     element("div", { class: "title" }, element("h1", {}, facts.name || "Map"), theme),
     element("p", {}, `${count(facts.cells)} known cells of ${short(facts.resolution)} m`,
-      ...shown.flatMap((line) => [element("br"), line])));
+      ...[...shown, ...beside].flatMap((line) => [element("br"), line])));
 }

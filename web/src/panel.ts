@@ -4,8 +4,9 @@
 import { commandOf } from "./command";
 import { css, type Palette } from "./colours";
 import { element, uniqueId } from "./dom";
+import { posteriorOf } from "./given";
 import type { Facts } from "./payload";
-import { isProbability, logit, sigmoid } from "./posterior";
+import { isOfCounts, isProbability, logit, sigmoid } from "./posterior";
 import { type NumberName, type Settings, settingsOf, showsShare, type Store } from "./settings";
 
 export interface Slider {
@@ -25,7 +26,8 @@ export interface Slider {
 
 export const GAP = 0.001;
 const isStates = (set: Settings): boolean => isProbability(set.posterior) && set.colours === "states";
-const isClamped = (set: Settings): boolean => isProbability(set.posterior) && set.clamped;
+const mayBeClamped = (set: Settings): boolean => isProbability(set.posterior) && isOfCounts(set.posterior);
+const isClamped = (set: Settings): boolean => mayBeClamped(set) && set.clamped;
 // The calibrated posterior brings its own.
 const isBeta = (set: Settings): boolean => showsShare(set) && set.posterior !== "calibrated";
 const isCalibrated = (set: Settings): boolean => set.posterior === "calibrated";
@@ -75,13 +77,12 @@ export interface Special {
 }
 
 export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
-  const posterior = choice("Posterior", [
-    ["log-odds", "Occupied? Log odds"],
-    ...(facts.calibrated ? [["calibrated", "Occupied? Calibrated"] as const] : []),
-    ...(special ? [] : [
-      ["reflection", "Share of beams reflected"] as const, ["interval-width", "How uncertain that share is"] as const,
-    ]),
-  ], (value) => store.set({ posterior: value as Settings["posterior"] }));
+  const posterior = choice("Posterior", posteriorsOf(facts), (value) => {
+    const chosen = { posterior: value as Settings["posterior"] };
+    // Only counts can be coloured by hits, or by the share that they are.
+    const ofCounts = store.value.paint !== "height" && store.value.paint !== "probability";
+    store.set(ofCounts && !isOfCounts(chosen.posterior) ? { ...chosen, paint: "probability" } : chosen);
+  });
   const colours = choice("Colours", [["values", "Probability"], ["states", "Free, undecided, occupied"]],
     (value) => store.set({ colours: value as Settings["colours"] }));
   const fromAfar = choice("From afar", [["walls", "Most occupied cell"], ["sums", "Evidence added up"]],
@@ -92,6 +93,8 @@ export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
   const reset = element("button", { type: "button" }, "As the map has it");
   reset.addEventListener("click", () => store.set(settingsOf(facts)));
   const doubt = element("p", { class: "doubt", role: "status" });
+  const note = element("p", { class: "note", role: "status" },
+    "Probabilities without counts: thresholds can be set here, a sensor model cannot.");
   const legend = element("div", { class: "legend" });
   const command = element("code", {
     tabindex: 0, role: "textbox", "aria-readonly": true, "aria-label": "Command that exports what is shown",
@@ -105,7 +108,7 @@ export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
   const first = sliders.findIndex((slider) => slider.name === "clampLow");
   const [beforeClamp, fromClamp] = [rows.slice(0, first), rows.slice(first)];
   const root = element("section", { class: "panel", "aria-label": "How the map is shown" },
-    posterior.root, doubt, ...(special ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp.root,
+    posterior.root, note, doubt, ...(special ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp.root,
     ...fromClamp.map((one) => one.root), ...(special?.roots ?? [fromAfar.root]), reset, legend,
     element("div", { class: "command" }, command, copy));
   return {
@@ -116,8 +119,10 @@ export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
       colours.select.value = set.colours;
       fromAfar.select.value = set.fromAfar;
       clamp.box.checked = set.clamped;
-      colours.root.hidden = clamp.root.hidden = !isProbability(set.posterior);
-      fromAfar.root.hidden = set.posterior === "interval-width";
+      colours.root.hidden = !isProbability(set.posterior);
+      clamp.root.hidden = !mayBeClamped(set);
+      note.hidden = isOfCounts(set.posterior);
+      fromAfar.root.hidden = set.posterior === "interval-width" || !isOfCounts(set.posterior);
       for (const one of rows) one.update(set);
       special?.update(set);
       doubt.textContent = [...(special?.doubts(set) ?? []), doubtOf(facts, set)].join(" ").trim();
@@ -133,6 +138,20 @@ export function check(label: string, changed: (checked: boolean) => void) {
   const box = element("input", { type: "checkbox", id: uniqueId() });
   box.addEventListener("change", () => changed(box.checked));
   return { root: element("div", { class: "check" }, box, element("label", { for: box.id }, label)), box };
+}
+
+/** The posteriors of a map, with what they are called: what is worked out here, and what came with it. */
+function posteriorsOf(facts: Facts): [Settings["posterior"], string][] {
+  const own: [Settings["posterior"], string][] = facts.counts ? [["log-odds", "Occupied? Log odds"]] : [];
+  if (facts.calibrated) own.push(["calibrated", "Occupied? Calibrated"]);
+  if (facts.counts && facts.kind === "plane") {
+    own.push(["reflection", "Share of beams reflected"], ["interval-width", "How uncertain that share is"]);
+  }
+  facts.given.forEach(({ what, name }, i) => {
+    const word = what.charAt(0).toUpperCase() + what.slice(1);
+    own.push([posteriorOf(i), `Occupied? ${word}${facts.counts || i > 0 ? `, ${name}` : ""}`]);
+  });
+  return own;
 }
 
 export function choice(label: string, options: (readonly [string, string])[], chosen: (value: string) => void) {
@@ -187,7 +206,7 @@ const rounded = (value: number): number => Number(value < 1 ? value.toFixed(4) :
 
 function doubtOf(facts: Facts, set: Settings): string {
   if (facts.rounded) return "Weights of this map are too large for the page and were rounded to 32 bits.";
-  if (!showsShare(set)) return "";
+  if (!isOfCounts(set.posterior) || !showsShare(set)) return "";
   if (facts.sensor === "cone") {
     return "Counting does badly under wide beams, whose hits belong to one cell of many.";
   }
@@ -212,14 +231,14 @@ function legendOf(set: Settings, palette: Palette): HTMLElement[] {
       swatch(css(ramp[ramp.length - 1]!), "occupied"), unknown,
     ];
   }
-  return [rampOf(ramp, ["0", MEANINGS[set.posterior], "1"]), unknown];
+  return [rampOf(ramp, ["0", meaningOf(set.posterior), "1"]), unknown];
 }
 
 /** What colours are of. */
-export const MEANINGS = {
-  "log-odds": "p(occupied)", calibrated: "p(occupied)", reflection: "mean reflectivity",
-  "interval-width": "width of the 95 % interval",
-} as const;
+export function meaningOf(name: Settings["posterior"]): string {
+  if (isProbability(name)) return "p(occupied)";
+  return name === "reflection" ? "mean reflectivity" : "width of the 95 % interval";
+}
 
 export function rampOf(ramp: Palette["ramp"], ends: string[]): HTMLElement {
   const bar = element("div", { class: "ramp" });

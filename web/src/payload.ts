@@ -14,21 +14,43 @@ export interface CountModel {
   beta: [number, number];
 }
 
-/** The facts of a map of evidence; lengths in metres. */
+/** A map of probabilities, see `given.ts`. */
+export interface GivenFacts {
+  name: string;
+  /** What it is: a full map, a ROS map, ... */
+  what: string;
+  cells: number;
+  free: number;
+  occupied: number;
+  bytes: 1 | 2;
+  /** How many probabilities are listed; null: they are evenly spaced. */
+  listed: number | null;
+  /** What the numbers of cells stand for: NaN for 0, unknown, then rising. */
+  values: Float64Array;
+}
+
+/** The facts of a map; lengths in metres. */
 interface CommonFacts {
+  /** Whether there are hits and passes; else `given` is all there is. */
+  counts: boolean;
+  given: GivenFacts[];
   /** Of its file; empty for a map of a notebook. */
   name: string;
   sources: { source: string | null; scans: number | null }[];
   resolution: number;
+  /** Where the corner between cells -1 and 0 lies, and how axes are turned about it [rad]. */
+  corner: [number, number];
+  yaw: number;
   cells: number;
   bytes: 1 | 2 | 4;
   unit: number;
   rounded: boolean;
-  votes: "scan" | "beam";
-  sensor: string;
-  p_hit: number;
-  p_miss: number;
-  prior: number;
+  /** What only a map with counts has. */
+  votes?: "scan" | "beam";
+  sensor?: string;
+  p_hit?: number;
+  p_miss?: number;
+  prior?: number;
   free: number;
   occupied: number;
   calibrated: CountModel | null;
@@ -49,9 +71,9 @@ export interface SpaceFacts extends CommonFacts {
   kind: "space";
   voxels: number;
   /** The fewest passes of a voxel without hits [votes]; null where there is none. */
-  unhit: number | null;
+  unhit?: number | null;
   /** Those without hits: heights of a slab, and which slabs there are; null: they are too many. */
-  air: { heights: number; slabs: number[] } | null;
+  air?: { heights: number; slabs: number[] } | null;
   lo: [number, number, number];
   hi: [number, number, number];
 }

@@ -7,6 +7,7 @@ import type { Palette } from "./colours";
 import { compile, type Program, texture } from "./gl";
 import type { PlaneFacts } from "./payload";
 import { fragmentShader, VERTEX } from "./plane_shader";
+import { isOfCounts } from "./posterior";
 import { PosteriorTables } from "./posterior_shader";
 import type { Level, Pyramid } from "./pyramid";
 import type { Settings } from "./settings";
@@ -33,7 +34,7 @@ export interface Shown {
 export function shownAt(pyramid: Pyramid, set: Settings, scale: number): Shown {
   const wanted = Math.max(0, Math.ceil(Math.log2(scale) - 1e-9));
   const coarsest = pyramid.levels.length - 1;
-  if (set.fromAfar === "sums" || set.posterior === "interval-width") {
+  if (isOfCounts(set.posterior) && (set.fromAfar === "sums" || set.posterior === "interval-width")) {
     return { level: Math.min(wanted, coarsest), block: 1 };
   }
   const within = Math.min(wanted, MOST_LOOKED_AT);
@@ -56,7 +57,7 @@ export class PlaneLayer {
     gl.disable(gl.DITHER);
     gl.bindVertexArray(gl.createVertexArray());
     this.levels = pyramid.levels.map((level) => this.upload(level));
-    this.tables = new PosteriorTables(gl, facts.calibrated, (bytes) => (this.stats.uploaded += bytes));
+    this.tables = new PosteriorTables(gl, facts, (bytes) => (this.stats.uploaded += bytes));
     const error = gl.getError();
     if (error === gl.OUT_OF_MEMORY) {
       throw new Error("the graphics card has no room for this map: show a part of it (oddsmap crop)");

@@ -65,13 +65,13 @@ void main() {
           best = score;
           most = v;
         }
-        sum += v;
+        sum += part_of(v);
         seen += 1.0;
       }
     }
   }
   float value = value_of(most);
-  if (seen > 1.0 && value < 0.5) value = value_of(sum / seen);
+  if (seen > 1.0 && value < 0.5) value = mean_of(sum, seen);
   if (u_probe) {
     uint bits = min(uint(value * 16777215.0 + 0.5), 16777215u);
     uvec3 bytes = uvec3(bits >> 16u, (bits >> 8u) & 255u, bits & 255u);

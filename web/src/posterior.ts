@@ -3,6 +3,7 @@
 // `posterior_shader.ts` has the same for every pixel.
 
 import { betaInterval } from "./beta";
+import { givenOf } from "./given";
 import type { CountModel, Facts } from "./payload";
 import type { PosteriorName, Settings } from "./settings";
 
@@ -18,7 +19,10 @@ export function sigmoid(x: number): number {
 
 /** Whether a posterior is the probability that a cell is occupied. */
 export const isProbability = (name: PosteriorName): boolean =>
-  name === "log-odds" || name === "calibrated";
+  name !== "reflection" && name !== "interval-width";
+
+/** Whether a posterior is worked out from hits and passes; else it came with the page. */
+export const isOfCounts = (name: PosteriorName): boolean => !name.startsWith("given");
 
 /** The value that a posterior shows of a cell, between 0 and 1. */
 export function valueOf(facts: Facts, set: Settings, hits: number, passes: number): number {
@@ -35,6 +39,8 @@ export function valueOf(facts: Facts, set: Settings, hits: number, passes: numbe
       const [low, high] = betaInterval(alpha, beta, LEVEL);
       return high - low;
     }
+    default:
+      return givenOf(facts, set.posterior)!.values[hits]!;
   }
 }
 

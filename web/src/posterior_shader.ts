@@ -5,7 +5,8 @@
 import { betaInterval } from "./beta";
 import { type Palette, STOPS } from "./colours";
 import { floats, type Program } from "./gl";
-import type { CountModel } from "./payload";
+import { givenOf } from "./given";
+import type { CountModel, Facts } from "./payload";
 import { LEVEL, logit } from "./posterior";
 import type { Settings } from "./settings";
 
@@ -15,7 +16,10 @@ export const WIDTHS = { side: 128, first: Math.log(1e-2), last: Math.log(1e6) } 
 /** Values of a distribution of reflectivities, and how many distributions a model has. */
 export const MODEL = { values: 48, knots: 8 } as const;
 
-export const POSTERIORS = { "log-odds": 0, calibrated: 1, reflection: 2, "interval-width": 3 } as const;
+export const POSTERIORS = { "log-odds": 0, calibrated: 1, reflection: 2, "interval-width": 3, given: 4 } as const;
+
+/** Side of the table of probabilities that came with the page. */
+const VALUES = 256;
 
 const NO_CLAMP = 1e30;
 
@@ -23,6 +27,7 @@ const NO_CLAMP = 1e30;
 export const POSTERIOR = `
 uniform sampler2D u_widths;
 uniform sampler2D u_model;
+uniform sampler2D u_values;
 uniform int u_posterior;
 uniform bool u_states;
 uniform float u_prior;       // log odds
@@ -76,12 +81,16 @@ float interval_width(vec2 weights) {
   return exp(mix(a, b, share.y));
 }
 
-float mean_of(vec2 v) {
+float share_of(vec2 v) {
   return (u_beta.x + v.x) / (u_beta.x + u_beta.y + v.x + v.y);
 }
 
 float value_of(vec2 v) {
-  if (u_posterior == ${POSTERIORS.reflection}) return mean_of(v);
+  if (u_posterior == ${POSTERIORS.given}) {
+    int number = int(v.x);
+    return texelFetch(u_values, ivec2(number % ${VALUES}, number / ${VALUES}), 0).r;
+  }
+  if (u_posterior == ${POSTERIORS.reflection}) return share_of(v);
   if (u_posterior == ${POSTERIORS["interval-width"]}) return interval_width(u_beta + v);
   float evidence = u_posterior == ${POSTERIORS.calibrated} ? bayes_factor(v) : dot(u_rates, v);
   return sigmoid(clamp(u_prior + evidence, u_clamp.x, u_clamp.y));
@@ -90,7 +99,17 @@ float value_of(vec2 v) {
 // What tells the most occupied of some cells: of log odds and of reflectivities it does exactly, and
 // the calibrated posterior is theirs by reflectivity, too.
 float score_of(vec2 v) {
-  return u_posterior == ${POSTERIORS["log-odds"]} ? dot(u_rates, v) : mean_of(v);
+  if (u_posterior == ${POSTERIORS.given}) return v.x;
+  return u_posterior == ${POSTERIORS["log-odds"]} ? dot(u_rates, v) : share_of(v);
+}
+
+// Of many cells together: what is added up of each, and the value of their mean.
+vec2 part_of(vec2 v) {
+  return u_posterior == ${POSTERIORS.given} ? vec2(value_of(v), 0.0) : v;
+}
+
+float mean_of(vec2 sum, float cells) {
+  return u_posterior == ${POSTERIORS.given} ? sum.x / cells : value_of(sum / cells);
 }
 
 vec3 ramp(float value) {
@@ -111,32 +130,40 @@ vec3 colour_of(float value) {
 export class PosteriorTables {
   private readonly empty: WebGLTexture;
   private readonly fitted: WebGLTexture;
+  private readonly model: CountModel | null;
+  private readonly values = new Map<Float64Array, WebGLTexture>();
   private widths: WebGLTexture | null = null;
 
   /** @param uploaded told how many bytes went to the graphics card. */
   constructor(
     private readonly gl: WebGL2RenderingContext,
-    private readonly model: CountModel | null,
+    private readonly facts: Facts,
     private readonly uploaded: (bytes: number) => void,
   ) {
+    const model = (this.model = facts.calibrated);
     this.empty = this.table(1, 1, new Float32Array(1));
     this.fitted = model ? this.table(MODEL.values, MODEL.knots + 3, numbersOf(model)) : this.empty;
   }
 
-  /** Set all uniforms of `POSTERIOR` in the program in use; takes two units from the given one on. */
+  /** Set all uniforms of `POSTERIOR` in the program in use; takes three units from the given one on. */
   use(program: Program, unit: number, set: Settings, palette: Palette): void {
     const { gl, model } = this;
     // A texture is bound while it is made: to a unit that is ours.
     gl.activeTexture(gl.TEXTURE0 + unit);
     const shows = [set.posterior, set.paint];
     if (shows.includes("interval-width")) this.widths ??= this.table(WIDTHS.side, WIDTHS.side, widths());
-    [["u_widths", this.widths ?? this.empty] as const, ["u_model", this.fitted] as const].forEach(([name, made], i) => {
+    const given = givenOf(this.facts, set.posterior);
+    const tables = {
+      u_widths: this.widths ?? this.empty, u_model: this.fitted,
+      u_values: given ? this.valuesOf(given.values) : this.empty,
+    };
+    Object.entries(tables).forEach(([name, made], i) => {
       gl.activeTexture(gl.TEXTURE0 + unit + i);
       gl.bindTexture(gl.TEXTURE_2D, made);
       gl.uniform1i(program.at(name), unit + i);
     });
     const calibrated = set.posterior === "calibrated";
-    gl.uniform1i(program.at("u_posterior"), POSTERIORS[set.posterior]);
+    gl.uniform1i(program.at("u_posterior"), POSTERIORS[given ? "given" : set.posterior as keyof typeof POSTERIORS]);
     gl.uniform1i(program.at("u_states"), set.colours === "states" ? 1 : 0);
     gl.uniform1f(program.at("u_prior"), logit(calibrated ? set.fittedPrior : set.prior));
     gl.uniform2f(program.at("u_rates"), logit(set.pHit), logit(set.pMiss));
@@ -151,6 +178,16 @@ export class PosteriorTables {
     gl.uniform3fv(program.at("u_ramp"), palette.ramp.flat());
     gl.uniform3f(program.at("u_undecided"), ...palette.undecided);
     gl.uniform1f(program.at("u_share"), model ? logit(model.share) : 0);
+  }
+
+  private valuesOf(values: Float64Array): WebGLTexture {
+    let made = this.values.get(values);
+    if (!made) {
+      const padded = new Float32Array(VALUES * VALUES);
+      padded.set(values);
+      this.values.set(values, (made = this.table(VALUES, VALUES, padded)));
+    }
+    return made;
   }
 
   private table(width: number, height: number, values: Float32Array<ArrayBuffer>): WebGLTexture {

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // Hits and passes in tiles, and coarser levels of them. A cell of level k has the sum of the
 // evidence of 2^k x 2^k cells: what `oddsmap resample` makes, so that each level is a map of its own.
+// Of a map of probabilities it has that of the most occupied of 2 x 2 where that is rather occupied
+// than free, else their mean.
 
+import { nearestNumber } from "./given";
 import type { Counts, Payload, PlaneFacts } from "./payload";
 
 export interface Level {
@@ -27,7 +30,8 @@ export interface Pyramid {
   readonly levels: readonly Level[];
 }
 
-export async function pyramidOf(payload: Payload<PlaneFacts>): Promise<Pyramid> {
+/** @param values of a map of probabilities, see `GivenFacts`. */
+export async function pyramidOf(payload: Payload<PlaneFacts>, values?: Float64Array): Promise<Pyramid> {
   const { facts } = payload;
   const [coords, hits, passes] = await Promise.all([
     payload.numbers("coords", 4),
@@ -48,12 +52,12 @@ export async function pyramidOf(payload: Payload<PlaneFacts>): Promise<Pyramid> 
   ];
   // Two tiles on both sides of the origin stay two, however coarse they get.
   for (let last = levels[0]!; last.columns > 2 || last.rows > 2; levels.push(last)) {
-    last = coarser(last, facts.tile);
+    last = coarser(last, facts.tile, values);
   }
   return { tile: facts.tile, unit: facts.unit, levels };
 }
 
-function coarser(fine: Level, tile: number): Level {
+function coarser(fine: Level, tile: number, values?: Float64Array): Level {
   const first = [Math.floor(fine.first[0] / 2), Math.floor(fine.first[1] / 2)] as const;
   const past = [fine.first[0] + fine.columns, fine.first[1] + fine.rows] as const;
   const columns = Math.ceil(past[0] / 2) - first[0];
@@ -86,9 +90,36 @@ function coarser(fine: Level, tile: number): Level {
     });
     return sums;
   };
+  /** Of 2 x 2 numbers of probabilities one. */
+  const joined = (numbers: Counts): Counts => {
+    const made = numbers instanceof Uint8Array ? new Uint8Array(tiles * tile * tile) : new Uint16Array(tiles * tile * tile);
+    each((from, place, dx, dy) => {
+      const to = (table[place]! - 1) * tile * tile + (dy * tile * tile + dx * tile) / 2;
+      for (let y = 0; y < tile; y += 2) {
+        for (let x = 0; x < tile; x += 2) {
+          const at = (from * tile + y) * tile + x;
+          made[to + (y >> 1) * tile + (x >> 1)] =
+            oneOf(values!, [numbers[at]!, numbers[at + 1]!, numbers[at + tile]!, numbers[at + tile + 1]!]);
+        }
+      }
+    });
+    return made;
+  };
+  if (values) {
+    const hits = joined(fine.hits);
+    return { factor: 2 * fine.factor, first, columns, rows, table, tiles, hits, passes: new Uint8Array(hits.length) };
+  }
   const hits = added(fine.hits);
   const passes = added(fine.passes);
   return { factor: 2 * fine.factor, first, columns, rows, table, tiles, hits, passes };
+}
+
+function oneOf(values: Float64Array, numbers: readonly number[]): number {
+  const most = Math.max(...numbers);
+  // Of none that is known, of one that is occupied, of four that are the same.
+  if (!(values[most]! < 0.5) || numbers.every((number) => number === most)) return most;
+  const known = numbers.filter((number) => number > 0);
+  return nearestNumber(values, known.reduce((sum, number) => sum + values[number]!, 0) / known.length);
 }
 
 function largest(counts: Counts): number {

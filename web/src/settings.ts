@@ -3,7 +3,8 @@
 
 import type { Facts } from "./payload";
 
-export type PosteriorName = "log-odds" | "calibrated" | "reflection" | "interval-width";
+/** A posterior of counts, or one of the maps of probabilities of the page, by its number. */
+export type PosteriorName = "log-odds" | "calibrated" | "reflection" | "interval-width" | `given${number}`;
 
 export interface Settings {
   posterior: PosteriorName;
@@ -47,6 +48,12 @@ export interface Settings {
 export const showsShare = (set: Settings): boolean =>
   [set.posterior, set.paint].some((name) => name === "reflection" || name === "interval-width");
 
+/** Whether free space is drawn, as points: that of counts, of which alone it is known. */
+export const showsAir = (set: Settings): boolean => set.voxels !== "occupied" && !set.posterior.startsWith("given");
+
+/** Whether there is a slice, which needs free space, too. */
+export const isSliced = (set: Settings): boolean => set.sliced && !set.posterior.startsWith("given");
+
 export type NumberName =
   | "pHit" | "pMiss" | "prior" | "fittedPrior" | "free" | "occupied" | "clampLow" | "clampHigh" | "betaA" | "betaB"
   | "opacity" | "sliceAt" | "xLow" | "xHigh" | "yLow" | "yHigh" | "zLow" | "zHigh";
@@ -59,13 +66,14 @@ export const spanOf = (facts: Facts, axis: 0 | 1 | 2): [number, number] =>
 export function settingsOf(facts: Facts): Settings {
   const [[xLow, xHigh], [yLow, yHigh], [zLow, zHigh]] = [spanOf(facts, 0), spanOf(facts, 1), spanOf(facts, 2)];
   return {
-    posterior: "log-odds",
+    posterior: facts.counts ? "log-odds" : "given0",
     colours: facts.kind === "space" ? "states" : "values",
     fromAfar: "walls",
-    pHit: facts.p_hit,
-    pMiss: facts.p_miss,
-    prior: facts.prior,
-    fittedPrior: facts.calibrated?.share ?? facts.prior,
+    // Without counts nothing depends on these.
+    pHit: facts.p_hit ?? 0.7,
+    pMiss: facts.p_miss ?? 0.4,
+    prior: facts.prior ?? 0.5,
+    fittedPrior: facts.calibrated?.share ?? facts.prior ?? 0.5,
     free: facts.free,
     occupied: facts.occupied,
     clamped: false,

@@ -7,7 +7,7 @@ import type { Palette, SpacePalettes } from "./colours";
 import { compile, type Program } from "./gl";
 import type { SpaceFacts } from "./payload";
 import { PosteriorTables } from "./posterior_shader";
-import type { Settings } from "./settings";
+import { showsAir, type Settings } from "./settings";
 import type { SpaceCamera } from "./space_camera";
 import { DRAWS, GROUND_FRAGMENT, GROUND_VERTEX, PAINTS, SPACE_FRAGMENT, SPACE_VERTEX } from "./space_shader";
 import { type Clip, clipOf, drawnIn, type Points, type Voxels } from "./voxels";
@@ -45,7 +45,7 @@ export class SpaceLayer {
     this.largestPoint = (gl.getParameter(gl.ALIASED_POINT_SIZE_RANGE) as Float32Array)[1]!;
     this.program = compile(gl, SPACE_VERTEX, SPACE_FRAGMENT);
     this.ground = compile(gl, GROUND_VERTEX, GROUND_FRAGMENT);
-    this.tables = new PosteriorTables(gl, facts.calibrated, (bytes) => (this.stats.uploaded += bytes));
+    this.tables = new PosteriorTables(gl, facts, (bytes) => (this.stats.uploaded += bytes));
     this.voxels = this.upload(voxels);
   }
 
@@ -74,7 +74,7 @@ export class SpaceLayer {
     this.useVoxels(camera, set, palettes.voxels, clip);
     this.drawCloud(voxels, DRAWS.boxes);
     this.stats.vertices = voxels.points.count;
-    if (set.voxels !== "occupied") {
+    if (showsAir(set)) {
       gl.uniform2f(this.program.at("u_opacity"), set.opacity, set.voxels === "known" ? set.opacity : 0);
       gl.uniform3f(this.program.at("u_free"), ...palettes.free);
       gl.enable(gl.BLEND);

@@ -4,10 +4,10 @@
 import { airOf, MOST_DRAWN } from "./air";
 import { css, type Palette, type SpacePalettes } from "./colours";
 import { element } from "./dom";
-import { check, choice, GAP, MEANINGS, rampOf, row, type Slider, SLIDERS, swatch, type Special } from "./panel";
+import { check, choice, GAP, meaningOf, rampOf, row, type Slider, SLIDERS, swatch, type Special } from "./panel";
 import type { SpaceFacts } from "./payload";
-import { valueOf } from "./posterior";
-import { type NumberName, type Settings, spanOf, type Store } from "./settings";
+import { isOfCounts, valueOf } from "./posterior";
+import { isSliced, type NumberName, type Settings, showsAir, spanOf, type Store } from "./settings";
 import { count } from "./words";
 
 export function spacePanel(facts: SpaceFacts, store: Store, palettes: () => SpacePalettes): Special {
@@ -31,7 +31,7 @@ export function spacePanel(facts: SpaceFacts, store: Store, palettes: () => Spac
   const [bottom, top] = spanOf(facts, 2);
   const height = row({
     name: "sliceAt", label: "height [m]", lo: bottom, hi: top, scale: "linear", metres: true,
-    of: (set) => set.sliced,
+    of: isSliced,
   }, store);
   const clips = clipSliders(facts).map((slider) => row(slider, store));
   const clip = element("details", { class: "clip" }, element("summary", {}, "Clip box"),
@@ -43,7 +43,11 @@ export function spacePanel(facts: SpaceFacts, store: Store, palettes: () => Spac
       choices.colours.root, clip],
     update(set) {
       for (const name of ["voxels", "paint", "drag", "colours"] as const) choices[name].select.value = set[name];
-      choices.colours.root.hidden = !set.sliced;
+      // What is free is known of counts alone: maps of probabilities come without it.
+      const ofCounts = isOfCounts(set.posterior);
+      choices.voxels.root.hidden = sliced.root.hidden = !ofCounts;
+      for (const option of [...choices.paint.select.options].slice(2)) option.hidden = !ofCounts;
+      choices.colours.root.hidden = !isSliced(set);
       sliced.box.checked = set.sliced;
       for (const one of rows) one.update(set);
     },
@@ -52,11 +56,10 @@ export function spacePanel(facts: SpaceFacts, store: Store, palettes: () => Spac
   };
 }
 
-const showsAir = (set: Settings): boolean => set.voxels !== "occupied";
 
 /** Those that decide what is occupied. */
 function posteriorSliders(facts: SpaceFacts): Slider[] {
-  const showsFree = (set: Settings): boolean => set.sliced || showsAir(set);
+  const showsFree = (set: Settings): boolean => isSliced(set) || showsAir(set);
   return SLIDERS.map((slider): Slider => {
     switch (slider.name) {
       case "free": return { ...slider, of: showsFree };
@@ -82,11 +85,12 @@ function clipSliders(facts: SpaceFacts): Slider[] {
 
 function doubtsOf(facts: SpaceFacts, set: Settings): string[] {
   const found: string[] = [];
+  if (!isOfCounts(set.posterior)) return found;
   // Passes only lower a probability: of voxels without hits, that with the fewest has the highest.
-  if (facts.unhit !== null && valueOf(facts, set, 0, facts.unhit) >= set.occupied) {
+  if (facts.unhit != null && valueOf(facts, set, 0, facts.unhit) >= set.occupied) {
     found.push("So set, voxels without a hit are occupied, too: they are no boxes and are not counted.");
   }
-  if (!facts.air && (set.sliced || showsAir(set))) {
+  if (!facts.air && (isSliced(set) || showsAir(set))) {
     found.push(`The ${count(airOf(facts))} voxels without a hit are too many for the page, and there is no slice: `
       + "show a part of the map (oddsmap crop).");
   } else if (showsAir(set) && airOf(facts) > MOST_DRAWN) {
@@ -98,10 +102,10 @@ function doubtsOf(facts: SpaceFacts, set: Settings): string[] {
 function legendOf(set: Settings, { voxels, slice, free }: SpacePalettes): HTMLElement[] {
   const found: HTMLElement[] = [rampOf(voxels.ramp, spaceEnds(set))];
   if (showsAir(set)) found.push(swatch(css(free), "free points"));
-  if (set.voxels === "known") found.push(swatch(css(voxels.undecided), "undecided points"));
-  if (set.sliced) {
+  if (showsAir(set) && set.voxels === "known") found.push(swatch(css(voxels.undecided), "undecided points"));
+  if (isSliced(set)) {
     found.push(...(set.colours === "states" ? [element("span", { class: "entry" }, "Slice:"), ...statesOf(slice)] : [
-      rampOf(slice.ramp, ["0", `${MEANINGS[set.posterior]}, in the slice`, "1"]), swatch(css(slice.unknown), "unknown"),
+      rampOf(slice.ramp, ["0", `${meaningOf(set.posterior)}, in the slice`, "1"]), swatch(css(slice.unknown), "unknown"),
     ]));
   }
   return found;
@@ -119,6 +123,6 @@ function spaceEnds(set: Settings): string[] {
     case "height": return [text(set.zLow), "height [m]", text(set.zHigh)];
     case "probability": return [text(set.occupied), "p(occupied)", "1"];
     case "hits": return ["few", "hits, logarithmic", "most"];
-    default: return ["0", MEANINGS[set.paint], "1"];
+    default: return ["0", meaningOf(set.paint), "1"];
   }
 }

@@ -78,7 +78,7 @@ void main() {
   }
   float shade = u_paint == ${PAINTS.height} ? (a_place.z - u_heights.x) / max(u_heights.y - u_heights.x, 1.0)
     : u_paint == ${PAINTS.hits} ? log(1.0 + votes.x) / u_most
-    : u_paint == ${PAINTS.reflection} ? mean_of(votes)
+    : u_paint == ${PAINTS.reflection} ? share_of(votes)
     : u_paint == ${PAINTS["interval-width"]} ? interval_width(u_beta + votes)
     : (value - u_thresholds.y) / max(1.0 - u_thresholds.y, 1e-6);
   v_colour = vec4(ramp(shade) / 255.0, 1.0);

@@ -5,11 +5,12 @@ import { airOf, MOST_DRAWN, type Slice, sliceOf, wholeAir } from "./air";
 import { type SpacePalettes, spacePalettes } from "./colours";
 import { element } from "./dom";
 import { Frames, pixelsOf, untilClosed } from "./frames";
+import { COUNTS, givenOf, sheetOf, type Sheets } from "./given";
 import { headingOf, isDark } from "./heading";
 import { panelOf } from "./panel";
 import type { Payload, SpaceFacts } from "./payload";
 import { lengthInWords, roundLength } from "./scale_bar";
-import { settingsOf, Store } from "./settings";
+import { settingsOf, showsAir, Store } from "./settings";
 import { SpaceCamera, type Vector } from "./space_camera";
 import { listenInSpace } from "./space_input";
 import { SpaceLayer } from "./space_layer";
@@ -30,7 +31,7 @@ export class SpaceViewer {
   readonly store: Store;
   /** How many voxels are occupied and inside the clip box; null: they are being counted. */
   occupied: number | null = null;
-  private layer: SpaceLayer;
+  private layers: ReadonlyMap<string, SpaceLayer>;
   private readonly canvas = element("canvas", {
     tabindex: 0, role: "application",
     "aria-label": "Map in space. Arrow keys turn it; W, A, S, D, Q and E move; plus and minus zoom; "
@@ -41,7 +42,7 @@ export class SpaceViewer {
   private readonly words = element("output", { class: "words" });
   private readonly bar = element("div", { class: "scale-bar" });
   private readonly overlay = new SpaceOverlay();
-  private readonly picking;
+  private readonly pickings: ReadonlyMap<string, SpacePicking>;
   private readonly listeners: ((index: Vector) => void)[] = [];
   private pointer: readonly [number, number] | null = null;
   private byKeys = false;
@@ -61,20 +62,20 @@ export class SpaceViewer {
   constructor(
     private readonly root: HTMLElement,
     private readonly payload: Payload<SpaceFacts>,
-    readonly voxels: Voxels,
+    private readonly sheets: Sheets<Voxels>,
   ) {
     const { facts } = payload;
     this.facts = facts;
     this.store = new Store(settingsOf(facts));
-    this.camera = new SpaceCamera(voxels.box);
+    this.camera = new SpaceCamera(this.voxels.box);
     this.panel = panelOf(facts, this.store, spacePanel(facts, this.store, () => this.palettes()));
     const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
     if (!gl) {
       throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or "
         + "switch hardware acceleration on");
     }
-    this.layer = new SpaceLayer(gl, facts, voxels);
-    this.picking = new SpacePicking(facts, voxels);
+    this.layers = this.layersOn(gl);
+    this.pickings = new Map([...sheets].map(([name, voxels]) => [name, new SpacePicking(facts, voxels)]));
     root.replaceChildren(
       element("div", { class: "map space" }, this.canvas, this.overlay.root, this.overlay.axes,
         element("div", { class: "readout" }, this.counted, this.position, this.words), this.bar),
@@ -95,9 +96,9 @@ export class SpaceViewer {
     untilClosed(this.canvas, gl, this.ending.signal, () => this.resize());
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
-      this.layer = new SpaceLayer(gl, facts, voxels);
-      this.layer.showAir(this.air);
-      this.layer.showSlice(this.slice);
+      this.layers = this.layersOn(gl);
+      this.layers.get(COUNTS)?.showAir(this.air);
+      this.layers.get(COUNTS)?.showSlice(this.slice);
       this.frames.schedule();
     });
     this.resize();
@@ -109,6 +110,23 @@ export class SpaceViewer {
   close(): void {
     this.ending.abort();
     clearTimeout(this.counting);
+  }
+
+  /** The map that is shown, what draws it, and what finds its voxels. */
+  get voxels(): Voxels {
+    return this.sheets.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private get layer(): SpaceLayer {
+    return this.layers.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private get picking(): SpacePicking {
+    return this.pickings.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private layersOn(gl: WebGL2RenderingContext): ReadonlyMap<string, SpaceLayer> {
+    return new Map([...this.sheets].map(([name, voxels]) => [name, new SpaceLayer(gl, this.facts, voxels)]));
   }
 
   get frameTime(): number {
@@ -178,12 +196,12 @@ export class SpaceViewer {
       for (;;) {
         const height = sliceAt(facts, this.store.value);
         if (height !== (this.slice?.height ?? null)) {
-          this.slice = height === null ? null : await sliceOf(payload, this.voxels, height);
-          this.layer.showSlice(this.slice);
-          this.picking.showSlice(this.slice);
-        } else if (this.store.value.voxels !== "occupied" && !this.air && facts.air && airOf(facts) <= MOST_DRAWN) {
+          this.slice = height === null ? null : await sliceOf(payload, this.sheets.get(COUNTS)!, height);
+          this.layers.get(COUNTS)?.showSlice(this.slice);
+          this.pickings.get(COUNTS)?.showSlice(this.slice);
+        } else if (showsAir(this.store.value) && !this.air && facts.air && airOf(facts) <= MOST_DRAWN) {
           this.air = await wholeAir(payload);
-          this.layer.showAir(this.air);
+          this.layers.get(COUNTS)?.showAir(this.air);
         } else {
           break;
         }
@@ -200,7 +218,9 @@ export class SpaceViewer {
   private count(): void {
     const { facts, voxels } = this;
     this.occupied = occupiedIn(facts, voxels, this.store.value, drawnIn(facts, this.store.value));
-    this.counted.textContent = `${count(this.occupied)} occupied voxels, of ${count(voxels.count)} with hits`;
+    const given = givenOf(facts, this.store.value.posterior);
+    const all = given ? `above p = ${facts.free}` : "with hits";
+    this.counted.textContent = `${count(this.occupied)} occupied voxels, of ${count(voxels.count)} ${all}`;
   }
 
   private resize(): void {

@@ -5,10 +5,12 @@ import { Camera } from "./camera";
 import { paletteOf, type Palette } from "./colours";
 import { element } from "./dom";
 import { Frames, pixelsOf, untilClosed } from "./frames";
+import { sheetOf, sheetsOf, type Sheets } from "./given";
 import { headingOf, isDark } from "./heading";
 import { listen } from "./input";
 import { panelOf } from "./panel";
 import type { Payload, PlaneFacts, SpaceFacts } from "./payload";
+import { placeOf } from "./place";
 import { PlaneLayer, shownAt } from "./plane_layer";
 import { valueOf } from "./posterior";
 import { pyramidOf, type Pyramid, votesAt } from "./pyramid";
@@ -25,7 +27,7 @@ const FRAMED_FROM = 5;
 export class Viewer {
   readonly camera: Camera;
   readonly store: Store;
-  private layer: PlaneLayer;
+  private layers: ReadonlyMap<string, PlaneLayer>;
   private readonly canvas = element("canvas", {
     tabindex: 0, role: "application",
     "aria-label": "Map. Arrow keys move it, with Shift by one cell; plus and minus zoom, 0 shows all of it. "
@@ -44,7 +46,7 @@ export class Viewer {
   constructor(
     private readonly root: HTMLElement,
     readonly facts: PlaneFacts,
-    readonly pyramid: Pyramid,
+    private readonly pyramids: Sheets<Pyramid>,
   ) {
     this.store = new Store(settingsOf(facts));
     this.camera = new Camera({ lo: facts.lo, hi: facts.hi });
@@ -54,7 +56,7 @@ export class Viewer {
       throw new Error("this browser has no WebGL 2, which the map is drawn with: try another one, or "
         + "switch hardware acceleration on");
     }
-    this.layer = new PlaneLayer(gl, facts, pyramid);
+    this.layers = this.layersOn(gl);
     root.replaceChildren(
       element("div", { class: "map" }, this.canvas, this.frame,
         element("div", { class: "readout" }, this.position, this.words), this.bar),
@@ -78,6 +80,19 @@ export class Viewer {
   /** Let go of the graphics card and of the page. */
   close(): void {
     this.ending.abort();
+  }
+
+  /** The map that is shown, and what draws it. */
+  get pyramid(): Pyramid {
+    return this.pyramids.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private get layer(): PlaneLayer {
+    return this.layers.get(sheetOf(this.store.value.posterior))!;
+  }
+
+  private layersOn(gl: WebGL2RenderingContext): ReadonlyMap<string, PlaneLayer> {
+    return new Map([...this.pyramids].map(([name, pyramid]) => [name, new PlaneLayer(gl, this.facts, pyramid)]));
   }
 
   get frameTime(): number {
@@ -109,7 +124,7 @@ export class Viewer {
     untilClosed(this.canvas, gl, this.ending.signal, () => this.resize());
     this.canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
     this.canvas.addEventListener("webglcontextrestored", () => {
-      this.layer = new PlaneLayer(gl, this.facts, this.pyramid);
+      this.layers = this.layersOn(gl);
       this.frames.schedule();
     });
   }
@@ -156,8 +171,8 @@ export class Viewer {
       return;
     }
     const [x, y] = camera.at(...at);
-    this.position.textContent =
-      `x ${metres(x * facts.resolution, facts.resolution)} m, y ${metres(y * facts.resolution, facts.resolution)} m`;
+    const [east, north] = placeOf(facts, x, y);
+    this.position.textContent = `x ${metres(east, facts.resolution)} m, y ${metres(north, facts.resolution)} m`;
     const cell = this.cellAt(x, y);
     this.words.replaceChildren(...describe(facts, this.store.value, cell).map((line) => element("div", {}, line)));
     this.frameAround(cell, ratio);
@@ -192,7 +207,7 @@ export async function mount(root: HTMLElement, payload: Payload): Promise<AnyVie
   const { facts } = payload;
   if (facts.kind === "space") {
     const space = payload as Payload<SpaceFacts>;
-    return new SpaceViewer(root, space, await voxelsOf(space));
+    return new SpaceViewer(root, space, await sheetsOf(space, voxelsOf));
   }
-  return new Viewer(root, facts, await pyramidOf(payload as Payload<PlaneFacts>));
+  return new Viewer(root, facts, await sheetsOf(payload as Payload<PlaneFacts>, pyramidOf));
 }

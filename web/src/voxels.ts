@@ -3,7 +3,7 @@
 
 import type { Payload, SpaceFacts } from "./payload";
 import { valueOf } from "./posterior";
-import type { Settings } from "./settings";
+import { isSliced, type Settings } from "./settings";
 
 /** Voxels as the graphics card gets them. */
 export interface Points {
@@ -91,7 +91,7 @@ export interface Clip {
 
 /** The height of the slice, from the first cell of the map; null: there is none. */
 export function sliceAt(facts: SpaceFacts, set: Settings): number | null {
-  if (!set.sliced || !facts.air) return null;
+  if (!isSliced(set) || !facts.air) return null;
   const height = Math.floor(set.sliceAt / facts.resolution + 1e-6) - facts.lo[2];
   return Math.min(Math.max(height, 0), facts.hi[2] - facts.lo[2] - 1);
 }

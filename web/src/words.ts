@@ -3,6 +3,7 @@
 
 import type { Facts, PlaneFacts } from "./payload";
 import { betaInterval } from "./beta";
+import { givenOf } from "./given";
 import { isProbability, LEVEL, stateOf, valueOf } from "./posterior";
 import type { Settings } from "./settings";
 
@@ -57,6 +58,8 @@ export interface Cell {
   readonly passes: number;
 }
 
+export const article = (word: string): string => (/^[aeiou]/i.test(word) ? "an" : "a");
+
 /** What is known of a cell: a line each. */
 export function describe(facts: PlaneFacts, set: Settings, cell: Cell): string[] {
   const { hits, passes } = cell;
@@ -69,6 +72,12 @@ export function describe(facts: PlaneFacts, set: Settings, cell: Cell): string[]
 /** What is known by some votes: a line each. */
 export function describeVotes(facts: Facts, set: Settings, hits: number, passes: number): string[] {
   const seen = hits > 0 || passes > 0;
+  const given = givenOf(facts, set.posterior);
+  if (given) {
+    const p = valueOf(facts, set, hits, passes);
+    const { name, what } = given;
+    return [seen ? `${stateOf(set, p, seen)}, p ${chance(p)}` : "unknown", `in ${name}, ${article(what)} ${what}`];
+  }
   if (!seen) return ["unknown: no beam was here"];
   const lines = [`${many(hits, "hit", "hits")}, ${many(passes, "pass", "passes")}`];
   if (isProbability(set.posterior)) {

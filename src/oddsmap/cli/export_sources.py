@@ -19,6 +19,7 @@ __all__ = [
     "Source",
     "check_no_image",
     "is_ros_map",
+    "load_ros_map",
     "open_source",
     "prior_map",
     "prior_of",
@@ -76,7 +77,7 @@ def open_source(
             "does --clamp but for an .ot"
         )
     if kind == "a ROS map":
-        return _ros_map(source, voice)
+        return load_ros_map(source, voice)
     if kind is not None:
         return load_octomap(source) if is_octomap(source) else load_full_map(source)
     check_no_image(source)
@@ -99,7 +100,8 @@ def thresholds_of(view: Source, options: Mapping[str, Any]) -> Thresholds:
     return Thresholds(options.get("free", own.free), options.get("occupied", own.occupied))
 
 
-def _ros_map(path: Path, voice: Voice) -> ProbabilityMap:
+def load_ros_map(path: Path, voice: Voice) -> ProbabilityMap:
+    """Read a ROS map, and say what is doubtful about it."""
     from oddsmap.maps.probability_map import load_ros
 
     found = load_ros(path)
@@ -168,7 +170,7 @@ def prior_map(path: Path, voice: Voice) -> MapLike:
     if is_map(path):
         return load_map(path)
     if is_ros_map(path):
-        return _ros_map(path, voice)
+        return load_ros_map(path, voice)
     check_no_image(path)
     if is_octomap(path):
         return load_octomap(path)

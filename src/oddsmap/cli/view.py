@@ -4,16 +4,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from oddsmap.cli.options import Quiet, Verbose, force_option
 from oddsmap.cli.progress import working
 from oddsmap.cli.voice import Voice
-
-if TYPE_CHECKING:
-    from oddsmap.evidence_map import EvidenceMap
 
 __all__ = ["HELP", "view"]
 
@@ -22,18 +19,35 @@ HELP = """Look at a map in the browser, and tune the sensor model on it.
 \b
   oddsmap view intel.zarr                 serves it to this machine, opens it
   oddsmap view intel.zarr -o intel.html   one file that needs no network
+  oddsmap view sonar.zarr --with sonar-full.zarr
+                                          the full map as another posterior
+  oddsmap view old.yaml                   a ROS map; also OctoMaps
 
 A 3D map is shown as its occupied voxels, to turn and to fly through.
-The map has hits and passes, so the page works out every posterior itself: its
-sliders act at once. A copied command writes what is on the screen. Only this
-machine can reach the page, and only with its address; Ctrl-C ends it.
+Where the map has hits and passes the page works out every posterior itself:
+its sliders act at once. Maps of probabilities have thresholds alone. A copied
+command writes what is on the screen. Only this machine can reach the page,
+and only with its address; Ctrl-C ends it.
 """
-
-_BAND = ", in a band of heights (--z-min, --z-max)"
 
 
 def view(
-    source: Annotated[Path, typer.Argument(metavar="MAP", help="A saved map (.zarr), 2D or 3D.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MAP",
+            help="A saved map or a full map (.zarr), an OctoMap (.bt, .ot) or a ROS map (.yaml).",
+        ),
+    ],
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--with",
+            metavar="MAP",
+            help="A map of probabilities of the same cells, such as a full map, to be chosen as "
+            "another posterior; may be repeated.",
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -58,53 +72,24 @@ def view(
 ) -> None:
     """Look at a map in the browser: see `HELP`."""
     from oddsmap.cli.files import check_files, check_suffix
+    from oddsmap.cli.view_sources import page_of
     from oddsmap.errors import ConfigError
-    from oddsmap.viewer.plane import plane_payload
-    from oddsmap.viewer.space import space_payload
 
     voice = Voice(quiet=quiet, verbose=verbose)
     if output is not None:
         if port is not None or not browser:
             raise ConfigError("--port and --no-browser say how a map is served, -o writes a file")
         check_suffix(output, (".html", ".htm"), "a page has a name that ends in .html")
-    check_files([source], output, force=force)
+    beside = list(beside or ())
+    check_files([source, *beside], output, force=force)
     name = source.name or source.resolve().name  # "." has none of its own
     with working(f"reading {name}", quiet=voice.still):
-        grid = _opened(source)
-        payload = (plane_payload if grid.ndim == 2 else space_payload)(grid, name)
+        payload = page_of(source, beside, voice)
     if output is None:
         _serve(name, payload, port, browser, voice)
     else:
         _write(name, payload, output, force)
         voice.say(f"wrote    {output}")
-
-
-def _opened(source: Path) -> EvidenceMap:
-    """The map, if it is of a kind that the page shows.
-
-    Raises:
-        InputError: it is of another kind.
-    """
-    from oddsmap.cli.export_sources import check_no_image, is_ros_map
-    from oddsmap.errors import InputError
-    from oddsmap.evidence_map import load_map
-    from oddsmap.full_map.store import is_full_map
-    from oddsmap.map_files.octomap_reader import is_octomap
-
-    kind = None
-    if is_full_map(source):
-        kind = "a full map"
-    elif is_ros_map(source):
-        kind = "a ROS map"
-    elif source.is_file() and is_octomap(source):
-        kind = "an OctoMap"
-    if kind is not None:
-        raise InputError(
-            f"{source}: {kind} has no counts, and so far the page shows maps with hits and passes: "
-            f"oddsmap export {source} OUT.png draws it{_BAND if kind == 'an OctoMap' else ''}"
-        )
-    check_no_image(source)
-    return load_map(source)
 
 
 def _write(title: str, payload: bytes, output: Path, force: bool) -> None:

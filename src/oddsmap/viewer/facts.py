@@ -17,7 +17,7 @@ from oddsmap.kernels.units import ONE
 from oddsmap.posterior.calibrated import Calibrated
 from oddsmap.posterior.count_model import LOG_MISS, LOG_REFLECT, occupied_at
 
-__all__ = ["Packing", "census_of", "facts_of", "packing_of"]
+__all__ = ["Packing", "census_of", "facts_of", "packing_of", "sources_of"]
 
 _LARGEST = (1 << 32) - 1
 
@@ -71,9 +71,12 @@ def facts_of(
     """
     lo, hi = bounds
     return {
+        "counts": True,
         "name": PurePath(name).name,
-        "sources": _sources(evidence),
+        "sources": sources_of(evidence.provenance),
         "resolution": evidence.resolution,
+        "corner": [0.0, 0.0],
+        "yaw": 0.0,
         "lo": lo.tolist(),
         "hi": hi.tolist(),
         "cells": cells,
@@ -91,10 +94,10 @@ def facts_of(
     }
 
 
-def _sources(evidence: Evidence) -> list[dict[str, Any]]:
-    """What the map was made of: names of logs with their numbers of scans, where they are known."""
+def sources_of(provenance: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What a map was made of: names of logs with their numbers of scans, where they are known."""
     found = []
-    for entry in evidence.provenance:
+    for entry in provenance:
         source, scans = entry.get("source"), entry.get("scans")
         found.append(
             {

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BytePlanes", "payload_of"]
+__all__ = ["BytePlanes", "packed", "payload_of"]
 
 
 class BytePlanes:
@@ -49,6 +49,13 @@ class BytePlanes:
         for stream, parts in zip(self._streams, self._parts, strict=True):
             parts.append(stream.flush())
         return {f"{self._name}.{i}": b"".join(parts) for i, parts in enumerate(self._parts)}
+
+
+def packed(name: str, values: npt.NDArray[Any], dtype: npt.DTypeLike) -> BytePlanes:
+    """An array that is complete."""
+    planes = BytePlanes(name, dtype)
+    planes.append(values)
+    return planes
 
 
 def payload_of(facts: Mapping[str, Any], arrays: list[BytePlanes]) -> bytes:

@@ -7,34 +7,40 @@ coarser levels that are shown from afar, which are sums of these counts.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.limits import in_metres
 from oddsmap.viewer.facts import census_of, facts_of, packing_of
+from oddsmap.viewer.given import Given, box_of
+from oddsmap.viewer.given_sheets import sheets_of
+from oddsmap.viewer.layout import TILE, check_span
 from oddsmap.viewer.payload import BytePlanes, payload_of
 
-__all__ = ["TILE", "plane_payload"]
+__all__ = ["plane_payload"]
 
-TILE = 128
-"""Cells along the side of a tile of the page."""
-
-# The page finds a tile in a table of all places of the map's box: 4 bytes for each, and no longer
-# along an axis than the textures of any graphics card.
-_MOST_PLACES, _LONGEST_SIDE = 1 << 22, 4096
+# Of maps of counts.
+_REMEDY = "show a part (oddsmap crop) or a coarser map (oddsmap resample)"
 
 
-def plane_payload(evidence: Evidence, name: str) -> bytes:
+def plane_payload(
+    evidence: Evidence, name: str, beside: Sequence[Given] = (), **more: Any
+) -> bytes:
     """The payload of a 2D map.
 
     Args:
         evidence: the map, with some evidence.
         name: of its file, for the title and for commands that the page writes.
+        beside: maps of probabilities of the same cells.
+        more: facts, plain values for JSON.
 
     Raises:
-        InputError: a 3D map, one without evidence, or one too wide for the page.
+        InputError: a 3D map, one without evidence, or one too wide for the page; one beside it has
+            other cells.
     """
     if evidence.ndim != 2:
         raise InputError(f"{name}: the page of a plane needs a 2D map, this one is 3D")
@@ -42,7 +48,7 @@ def plane_payload(evidence: Evidence, name: str) -> bytes:
     packing = packing_of(census)
     places = _places(evidence)
     first = places.min(axis=0)
-    _check_span(places.max(axis=0) - first + 1, evidence.resolution, name)
+    check_span(places.max(axis=0) - first + 1, evidence.resolution, name, _REMEDY)
     coords = BytePlanes("coords", np.uint32)
     hits, passes = (BytePlanes(kind, packing.dtype) for kind in ("hits", "passes"))
     tiles = 0
@@ -60,19 +66,11 @@ def plane_payload(evidence: Evidence, name: str) -> bytes:
         "tile": TILE,
         "tiles": tiles,
         "first_cell": (first * TILE).tolist(),
-        **facts_of(evidence, name, packing, census.cells, bounds),
+        **facts_of(evidence, name, packing, census.cells, box_of(name, bounds, beside)),
     }
-    return payload_of(facts, [coords, hits, passes])
-
-
-def _check_span(span: IntArray, resolution: float, name: str) -> None:
-    columns, rows = span.tolist()
-    if columns * rows > _MOST_PLACES or max(columns, rows) > _LONGEST_SIDE:
-        width, height = (in_metres(n * TILE * resolution) for n in (columns, rows))
-        raise InputError(
-            f"{name}: the page cannot show {width} x {height} m at {resolution:g} m; show a part "
-            "(oddsmap crop) or a coarser map (oddsmap resample)"
-        )
+    sheets = sheets_of(beside, facts)
+    arrays = [coords, hits, passes, *sheets.arrays]
+    return payload_of({**facts, "given": sheets.facts, **more}, arrays)
 
 
 def _places(evidence: Evidence) -> IntArray:

@@ -11,63 +11,62 @@ Voxels that others bury are sent: under another threshold, or cut open by a clip
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
-import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
-from oddsmap.limits import in_metres
 from oddsmap.viewer.air import Air
 from oddsmap.viewer.facts import census_of, facts_of, packing_of
-from oddsmap.viewer.payload import BytePlanes, payload_of
+from oddsmap.viewer.given import Given, box_of
+from oddsmap.viewer.given_sheets import sheets_of
+from oddsmap.viewer.layout import MOST_VOXELS, check_box, voxel_steps
+from oddsmap.viewer.payload import packed, payload_of
 
 __all__ = ["space_payload"]
 
-# Positions are counted from the first cell of the map, in 16 bits.
-_LONGEST_SIDE = 1 << 16
-# Of the graphics card: 16 bytes and more for each.
-_MOST_VOXELS = 1 << 26
+# Of maps of counts.
+_REMEDY = "show a part (oddsmap crop) or a coarser map (oddsmap resample)"
 
 
-def space_payload(evidence: Evidence, name: str) -> bytes:
+def space_payload(
+    evidence: Evidence, name: str, beside: Sequence[Given] = (), **more: Any
+) -> bytes:
     """The payload of a 3D map.
-
-    Positions are differences from the voxel before, modulo 65536, along each axis; the first one's
-    is from the first cell of the map.
 
     Args:
         evidence: the map, with some evidence.
         name: of its file, for the title and for commands that the page writes.
+        beside: maps of probabilities of the same voxels.
+        more: facts, plain values for JSON.
 
     Raises:
-        InputError: a 2D map, one without a hit, or one too wide or too full for the page.
+        InputError: a 2D map, one without a hit, or one too wide or too full for the page; one
+            beside it has other voxels.
     """
     if evidence.ndim != 3:
         raise InputError(f"{name}: the page of voxels needs a 3D map, this one is 2D")
     census, bounds = census_of(evidence, name)
     packing = packing_of(census)
-    lo, hi = bounds
-    if (hi - lo).max() > _LONGEST_SIDE:
-        sides = " x ".join(in_metres(n * evidence.resolution) for n in (hi - lo).tolist())
-        raise InputError(
-            f"{name}: the page cannot show {sides} m at {evidence.resolution:g} m; show a part "
-            "(oddsmap crop) or a coarser map (oddsmap resample)"
-        )
+    lo, hi = bounds = box_of(name, bounds, beside)
+    check_box(lo, hi, evidence.resolution, name, _REMEDY)
     air = Air(lo, hi, packing)
     index, hits, passes, unhit = _hit_voxels(evidence, air)
-    if not 0 < len(index) <= _MOST_VOXELS:
+    if not 0 < len(index) <= MOST_VOXELS:
         raise InputError(
             f"{name}: no voxel of the map has a hit, nothing to show"
             if len(index) == 0
-            else f"{name}: {len(index):,} voxels with hits, the page shows up to {_MOST_VOXELS:,}; "
-            "show a part (oddsmap crop) or a coarser map (oddsmap resample)"
+            else f"{name}: {len(index):,} voxels with hits, the page shows up to {MOST_VOXELS:,}; "
+            + _REMEDY
         )
-    steps = np.diff(index - lo, axis=0, prepend=np.zeros((1, 3), np.int64)) % _LONGEST_SIDE
-    arrays = [_packed(axis, steps[:, i], np.uint16) for i, axis in enumerate("xyz")]
+    steps = voxel_steps(index, lo)
+    arrays = [packed(axis, steps[:, i], np.uint16) for i, axis in enumerate("xyz")]
     for kind, units in (("hits", hits), ("passes", passes)):
-        arrays.append(_packed(kind, packing.counts(units), packing.dtype))
+        arrays.append(packed(kind, packing.counts(units), packing.dtype))
     facts = {
         "kind": "space",
         "voxels": len(index),
@@ -75,13 +74,9 @@ def space_payload(evidence: Evidence, name: str) -> bytes:
         "air": air.facts(),
         **facts_of(evidence, name, packing, census.cells, bounds),
     }
-    return payload_of(facts, arrays + air.arrays())
-
-
-def _packed(name: str, values: IntArray, dtype: npt.DTypeLike) -> BytePlanes:
-    planes = BytePlanes(name, dtype)
-    planes.append(values)
-    return planes
+    sheets = sheets_of(beside, facts)
+    facts |= {"given": sheets.facts, **more}
+    return payload_of(facts, arrays + air.arrays() + sheets.arrays)
 
 
 def _hit_voxels(evidence: Evidence, air: Air) -> tuple[IntArray, IntArray, IntArray, int | None]:
