@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each public thing says of itself: `python -m tests.reprs` prints the table."""
+"""What each public thing says and shows of itself: `python -m tests.reprs` prints all of it."""
 
 from __future__ import annotations
 
+import inspect
 import sys
 import tempfile
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 import oddsmap
 from oddsmap import EvidenceMap, LogOdds, Scan, simulate
+from oddsmap.landmarks import Observations
 from oddsmap.scans.note import Note
 from oddsmap.scans.split_log import hold_out
 
@@ -96,6 +98,9 @@ def _of_logs(folder: Path) -> dict[str, Any]:
 
 def _of_maps(plane: EvidenceMap, space: EvidenceMap) -> dict[str, Any]:
     landmarks = oddsmap.LandmarkMap()
+    places = np.array([[1.0, 0.5], [3.0, -1.0]])
+    here = oddsmap.Pose2(0.0, 0.0, 0.0)
+    landmarks.add(Observations.position(here, places, sigma_xy=0.1, ids=np.arange(2)))
     return {
         "EvidenceMap, empty": EvidenceMap(0.05),
         "EvidenceMap": plane,
@@ -104,6 +109,7 @@ def _of_maps(plane: EvidenceMap, space: EvidenceMap) -> dict[str, Any]:
         "Report": plane.report,
         "Config": plane.config,
         "LandmarkMap": landmarks,
+        "LandmarkMap, empty": oddsmap.LandmarkMap(),
     }
 
 
@@ -176,12 +182,40 @@ def _of_full_maps() -> dict[str, Any]:
     }
 
 
+def help_of(thing: object) -> str:
+    """The first line of what `help` says of its kind."""
+    return (inspect.getdoc(type(thing)) or "").partition("\n")[0]
+
+
+def plotted(thing: Any) -> str:
+    """What `plot` does: "yes", why not, or "-" where there is none."""
+    if not hasattr(thing, "plot"):
+        return "-"
+    from matplotlib.figure import Figure
+
+    try:
+        thing.plot(Figure().subplots())
+    except oddsmap.InputError as error:
+        return str(error)
+    return "yes"
+
+
+def pictured(thing: Any) -> str:
+    """Whether it shows itself in a notebook; "-" where it does not try."""
+    if not hasattr(thing, "_repr_png_"):
+        return "-"
+    return "no" if thing._repr_png_() is None else "yes"
+
+
 def main() -> None:
-    """Print what each says, and its length."""
+    """Print what each says, its length, its help, and whether it has a picture and a plot."""
     with tempfile.TemporaryDirectory() as folder:
         for name, thing in things(Path(folder)).items():
             text = repr(thing)
-            sys.stdout.write(f"{len(text):5}  {name:25} {text}\n")
+            sys.stdout.write(
+                f"{name}\n    help    {help_of(thing)}\n    repr    {text}  ({len(text)})\n"
+                f"    picture {pictured(thing)}\n    plot    {plotted(thing)}\n"
+            )
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from oddsmap.evidence.tiles import TileStore
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.log_items import LogItems
 from oddsmap.short_repr import in_bytes, short_repr
-from tests.reprs import things
+from tests.reprs import help_of, pictured, plotted, things
 
 LONGEST = 300
 
@@ -57,6 +57,32 @@ def test_maps_say_what_they_hold(held: dict[str, Any]) -> None:
     assert "p_hit 0.9" in repr(held["LogOdds, 3D"])
     assert "prior 0.5 and a map" in repr(held["LogOdds with a prior map"])
     assert repr(held["Log in memory"]) == "<LoadedLog log.npz, NPZ beam log, 50 scans, 1 note>"
+
+
+# What a person may look at from above. 3D views of evidence say how a plot of them is made.
+PICTURED = {
+    "Calibrated", "Changes", "Costmap", "DecayRate", "DistanceField", "EvidenceMap", "FullMap",
+    "LandmarkMap", "LogOdds", "ProbabilityMap", "Reflection", "ReflectionMap", "Traversability",
+    "VoxelMap",
+}  # fmt: skip
+
+
+def test_what_can_be_looked_at(held: dict[str, Any]) -> None:
+    kinds = {type(thing).__name__ for thing in held.values() if hasattr(thing, "plot")}
+    assert kinds == PICTURED
+    for name, thing in held.items():
+        empty, space = "empty" in name, "3D" in name
+        if type(thing).__name__ in PICTURED:
+            assert pictured(thing) == ("no" if empty or name == "DistanceField, 3D" else "yes")
+            assert plotted(thing) == "yes" or empty or space, name
+
+
+def test_help_says_what_a_thing_is(held: dict[str, Any]) -> None:
+    for name, thing in held.items():
+        text, kind = help_of(thing), type(thing)
+        assert 10 < len(text) <= 100, name
+        assert text.endswith("."), name
+        assert not text.startswith(f"{kind.__name__}("), f"{name}: dataclasses say their arguments"
 
 
 def test_arrays_are_shape_and_range() -> None:

@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from oddsmap import LandmarkMap
 from oddsmap.errors import ConfigError, InputError, OutputError
 from oddsmap.landmarks import Landmark
+from oddsmap.landmarks.dots import dots_of
 from oddsmap.landmarks.picture import ellipse_axes, plot_landmarks, save_landmarks_png
 
 MARK = (45, 106, 159)
@@ -98,3 +101,27 @@ def test_plot_and_vector_files(tmp_path: Path) -> None:
         LandmarkMap().plot(ax)
     svg = save_landmarks_png(marks, tmp_path / "m.svg", title="Trees").read_bytes()
     assert svg == save_landmarks_png(marks, tmp_path / "n.svg", title="Trees").read_bytes()
+
+
+@given(
+    places=st.lists(st.tuples(*[st.floats(-1e6, 1e6)] * 2), min_size=1, max_size=20),
+)
+def test_a_thumbnail_has_a_dot_for_each(places: list[tuple[float, float]]) -> None:
+    thumbnail = dots_of(np.array(places))
+    assert thumbnail is not None
+    height, width, _ = thumbnail.image.shape
+    assert max(height, width) <= 301
+    rows, columns = np.nonzero((thumbnail.image == MARK).all(axis=2))
+    # No dot is cut off: in each direction the outermost ends as far from the edge.
+    assert 25 <= len(rows) <= 25 * len(places)
+    assert abs(columns.min() - (width - 1 - columns.max())) <= 1
+    assert abs(rows.min() - (height - 1 - rows.max())) <= 1
+
+
+def test_north_is_up_in_a_thumbnail() -> None:
+    thumbnail = dots_of(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0]]))
+    assert thumbnail is not None
+    rows, columns = np.nonzero((thumbnail.image == MARK).all(axis=2))
+    assert columns[rows < rows.mean() - 40].min() > 200
+    assert "each dot a landmark; the picture is 3.21 m wide" in thumbnail.caption
+    assert dots_of(np.empty((0, 2))) is None

@@ -94,7 +94,7 @@ def things(grid: oddsmap.EvidenceMap) -> dict[str, Any]:
         "probability": view.to_probability_map(), "reflection": grid.reflection(),
         "3D reflection": space.reflection(), "decay": grid.decay_rate(),
         "distance": view.distance_field(0.5), "costs": view.costmap(0.2),
-        "changes": oddsmap.changed(view, view),
+        "changes": oddsmap.changed(view, view), "voxels": space.log_odds().to_voxels(),
     }  # fmt: skip
 
 

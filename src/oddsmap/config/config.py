@@ -123,7 +123,7 @@ class PosteriorConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Config:
-    """All of it, as stored with every map."""
+    """Every setting of a map that changes a result, as stored with it."""
 
     map: MapConfig
     sensor: Sensor = field(default_factory=BeamSensor)

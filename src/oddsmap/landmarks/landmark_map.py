@@ -18,11 +18,13 @@ from oddsmap.landmarks.association import (
     mutual_nearest,
     squared_mahalanobis,
 )
+from oddsmap.landmarks.dots import dots_of
 from oddsmap.landmarks.landmark import Landmark, Track
 from oddsmap.landmarks.observations import Observations
 from oddsmap.landmarks.store import read_json, save_csv, save_json
+from oddsmap.plot.thumbnail import Pictured, Thumbnail
 from oddsmap.poses.pose import Pose2
-from oddsmap.short_repr import counted, described
+from oddsmap.short_repr import counted, described, extent_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +42,7 @@ _MIN_COUNT = {True: 1, False: 3}
 _OPTIONS = ("gate", "new_gate", "min_count", "depth_ratio_max", "ndim")
 
 
-class LandmarkMap:
+class LandmarkMap(Pictured):
     """Point landmarks, each a Gaussian: the maximum of the likelihood of all its observations.
 
     The poses are known, so that the landmarks are independent of each other: there is no joint
@@ -68,7 +70,10 @@ class LandmarkMap:
 
     def _facts(self) -> Iterator[str]:
         yield f"{self.ndim}D"
-        yield counted(len(self.landmarks), "landmark")
+        means = np.array([mark.mean for mark in self.landmarks])
+        yield counted(len(means), "landmark")
+        if len(means):
+            yield extent_of(means.min(axis=0), means.max(axis=0))
         yield f"{self.tentative:,} tentative, {self.unlocated:,} not located"
         yield f"gates {self.gate:g}, {self.new_gate:g}"
         if lost := self.skipped.total():
@@ -167,6 +172,9 @@ class LandmarkMap:
                 error = mark.mean - np.asarray(truth[mark.id], dtype=np.float64)
                 values.append(error @ np.linalg.solve(mark.covariance, error))
         return np.array(values, dtype=np.float64)
+
+    def _thumbnail(self) -> Thumbnail | None:
+        return dots_of(np.array([mark.mean[:2] for mark in self.landmarks]))
 
     def plot(
         self,

@@ -23,6 +23,7 @@ from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.map_files.fields import LeafPart, OfLogOdds, PointPart
 from oddsmap.map_files.morton import MORTON_BITS, morton
 from oddsmap.odds import State, Thresholds, decided_by, sigmoid
+from oddsmap.plot.from_above import DrawnFromAbove
 from oddsmap.query.queries import PointStates, Queries
 from oddsmap.short_repr import FEW_CELLS, described, grid_facts
 
@@ -41,7 +42,7 @@ _PART = 1 << 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class VoxelMap(Queries):
+class VoxelMap(Queries, DrawnFromAbove):
     """Log odds of 3D cells; one entry, a leaf, may cover a cube of 2^k cells per side.
 
     Cell i covers [i * resolution, (i + 1) * resolution) in the map frame, along each axis. Cells
@@ -72,7 +73,7 @@ class VoxelMap(Queries):
 
     def _facts(self) -> Iterator[str]:
         bounds = self.bounds() if len(self.index) <= FEW_CELLS else None
-        yield from grid_facts(3, self.resolution, None, bounds)
+        yield from grid_facts(3, self.resolution, self.cell_count, bounds)
         yield f"{self.leaf_count:,} leaves"
 
     def __post_init__(self) -> None:

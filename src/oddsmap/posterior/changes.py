@@ -24,6 +24,7 @@ Robotics (2005), table 9.1.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -37,7 +38,7 @@ from oddsmap.maps.probability_map import ProbabilityMap
 from oddsmap.odds import sigmoid
 from oddsmap.plot.thumbnail import Pictured, Thumbnail, of_quantity
 from oddsmap.posterior.count_view import CountView
-from oddsmap.short_repr import short_repr
+from oddsmap.short_repr import FEW_CELLS, described, grid_facts
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -63,7 +64,16 @@ class Changes(Pictured):
     probability: FloatArray
     resolution: float
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        d = self.index.shape[1]
+        few = 0 < len(self.index) <= FEW_CELLS
+        box = (self.index.min(axis=0), self.index.max(axis=0) + 1) if few else None
+        yield from grid_facts(d, self.resolution, len(self.index), box)
+        if few:
+            yield f"{np.count_nonzero(self.probability >= 0.5):,} rather changed than not"
 
     def to_probability_map(self) -> ProbabilityMap:
         """Probabilities of a change with their place in the world; 0 where not observed.

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import FloatArray, IntArray
-from oddsmap.short_repr import short_repr
+from oddsmap.short_repr import described
 
 __all__ = ["KNOTS", "LOG_MISS", "LOG_REFLECT", "CountModel", "knots_of", "occupied_at"]
 
@@ -58,7 +58,8 @@ class CountModel:
 
     distributions: tuple[tuple[float, ...], ...]
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        return described(self, lambda: [f"{self.occupied_share:.4g} of known cells occupied"])
 
     @property
     def occupied_share(self) -> float:

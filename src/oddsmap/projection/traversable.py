@@ -36,7 +36,7 @@ from oddsmap.projection.floor import Limits, Verdict, judge_columns
 from oddsmap.projection.ground_plane import GroundPlane
 from oddsmap.projection.ground_surface import GroundSurface, fit_ground_surface
 from oddsmap.query.given_numbers import check_numbers
-from oddsmap.short_repr import short_repr
+from oddsmap.short_repr import FEW_CELLS, described, extent_of, grid_facts
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -71,7 +71,17 @@ class Traversability(Pictured):
     resolution: float
     origin: tuple[float, float]
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        ny, nx = self.verdict.shape
+        yield from grid_facts(2, self.resolution, None, None)
+        yield extent_of(self.origin, np.add(self.origin, np.array([nx, ny]) * self.resolution))
+        if self.verdict.size <= FEW_CELLS:
+            known = (verdict for verdict in Verdict if verdict != Verdict.UNKNOWN)
+            counts = ((np.count_nonzero(self.verdict == v), v.name.lower()) for v in known)
+            yield "columns: " + ", ".join(f"{n:,} {name.replace('_', ' ')}" for n, name in counts)
 
     def to_probability_map(self) -> ProbabilityMap:
         """A 2D map for planners: free cells 0.02, what cannot be driven over 0.98.

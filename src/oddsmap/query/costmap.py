@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -39,7 +40,7 @@ from oddsmap.query.given_numbers import check_numbers, check_threads
 from oddsmap.query.obstacles import View
 from oddsmap.query.places import Framed
 from oddsmap.query.squared_distances import squared_to
-from oddsmap.short_repr import short_repr
+from oddsmap.short_repr import described, extent_of, grid_facts, in_bytes
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -81,7 +82,18 @@ class Costmap(Framed, Pictured):
     lo: IntArray
     map_from_cells: tuple[FloatArray, FloatArray] | None = None
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield from grid_facts(2, self.resolution, None, None)
+        ny, nx = self.cost.shape
+        if self.map_from_cells is None:
+            yield extent_of(self.origin, np.add(self.origin, np.array([nx, ny]) * self.resolution))
+        else:
+            x, y = self.origin
+            yield f"{nx} x {ny} cells, origin {x:.10g}, {y:.10g} m, yaw {self.yaw:.6g} rad"
+        yield in_bytes(self.cost.nbytes)
 
     @property
     def ndim(self) -> int:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import Literal, Protocol, get_args
@@ -19,7 +19,7 @@ from oddsmap.kernels.query.state_blocks import BLOCK_BITS
 from oddsmap.odds import State
 from oddsmap.query.places import CellGrid
 from oddsmap.query.state_blocks import bit_of, fill_blocks
-from oddsmap.short_repr import short_repr
+from oddsmap.short_repr import counted, described, extent_of
 
 __all__ = ["Connectivity", "Frontier", "find_frontiers"]
 
@@ -46,7 +46,14 @@ class Frontier:
     goal: FloatArray
     box: tuple[FloatArray, FloatArray]
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        return described(self, self._facts)
+
+    def _facts(self) -> Iterator[str]:
+        yield counted(len(self.cells), "cell")
+        yield f"{self.size:.4g} {'m' if len(self.goal) == 2 else 'm²'}"
+        yield f"goal {', '.join(f'{x:.6g}' for x in self.goal)} m"
+        yield extent_of(*self.box)
 
 
 class _Grid(CellGrid, Protocol):
