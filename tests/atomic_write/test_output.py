@@ -111,7 +111,7 @@ def overtaken(path: Path, *, force: bool) -> None:
 def test_what_came_meanwhile_is_not_replaced(tmp_path: Path, steps: str) -> None:
     path = tmp_path / "map.zarr"
     with pytest.raises(
-        OutputError, match=r"map\.zarr: has come while it was being .*; use --force"
+        OutputError, match=r"map\.zarr: has come while it was being .*; use force=True"
     ):
         overtaken(path, force=False)
     assert names(path) == ["other"]
@@ -274,7 +274,7 @@ def test_existing(tmp_path: Path) -> None:
     check_output(path)
     path.write_text("old")
     check_output(path, force=True)
-    with pytest.raises(OutputError, match="exists already; use --force"):
+    with pytest.raises(OutputError, match="exists already; use force=True to replace it"):
         check_output(path)
     with pytest.raises(OutputError), atomic_output(path):
         pytest.fail("nothing may be done before the check")

@@ -111,7 +111,29 @@ def test_formats_are_listed(run: Run) -> None:
         (["build", "x", "-o", "y", "--votes", "zzz"], "'scan', 'beam'"),
         (["build", "x", "-o", "y", "--resolution", "5cm"], "5cm"),
         (["build", "x", "-o", "y", "--range-max=0,1"], "0,1"),
-        (["build", "x", "-o", "y", "--resolutin", "1"], "--resolution"),
+        (["build", "x", "-o", "y", "--resolutin", "1"], "(Possible options: --resolution)"),
+        (
+            ["build", "x", "-o", "y", "--p-hit", ".7"],
+            ": --p-hit: set it with --set sensor.p_hit=.7, or give it to oddsmap export",
+        ),
+        (
+            ["score", "x", "y", "--p-hti=.7"],
+            "did you mean --p-hit? set it with --set sensor.p_hit=.7, or give it to oddsmap export",
+        ),
+        (
+            ["build", "x", "--half-life", "3"],
+            "--set map.half_life=3 (Possible options: --half",
+        ),
+        (["build", "x", "--cone-deg"], "set it with --set sensor.cone_deg=VALUE"),
+        (["build", "x", "--z-min", "-1"], "it is an option of oddsmap export and costmap"),
+        (["export", "x", "y.png", "--set", "sensor.p_hit=.7"], "here it is --p-hit .7"),
+        (
+            ["export", "x", "y.png", "--set", "map.votes=beam"],
+            "oddsmap build, calibrate and score",
+        ),
+        (["export", "x", "-o", "y.png"], "the output is the last word, without an option"),
+        (["export", "x", "y.png", "--cone-deg", "9"], "of oddsmap build, --set sensor.cone_deg=9"),
+        (["demo", "--xyzzy"], "No such option: --xyzzy"),
     ],
 )
 def test_mistyped_words(run: Run, words: list[str], said: str) -> None:

@@ -44,7 +44,7 @@ def test_one_model_for_all_is_refused_unless_what_differs_is_set(path: Path, run
     build = ("--resolution", 0.1, "--hold-out", 0.2, "-o", out)
     assert run("build", path, *words, *build).status == 0
     said = run("score", out, path, *words, "--held-out").line
-    assert "take one at a time (--scans, scans=), or set range_max and range_min for all" in said
+    assert "take one at a time (--scans), or set range_max and range_min for all" in said
     settings = ("--set", "sensor.range_max=5", "--set", "sensor.range_min=0.5")
     both = run("score", out, path, *words, *settings, "--held-out", "--json").json
     alone = [

@@ -79,10 +79,15 @@ def test_maps_without_a_common_cell(run: Run, tmp_path: Path) -> None:
     one, other = (save(tmp_path / f"{x}.zarr", {(x, 0): FREE}) for x in (1, 2))
     done = run("compare", one, other)
     assert done.out.splitlines() == [
-        "both     0 cells known in both: are the maps of one frame?",
+        f"{other}: warning: no cell is known in both maps: they are of other places, or of other "
+        "frames",
+        "both     0 cells known in both",
         "alone    1 cells known in the first alone, 1 in the second",
     ]
     assert run("compare", one, other, "--json").json["agreement"] is None
+    empty = save(tmp_path / "empty.zarr", {})
+    for pair in ((one, empty), (empty, one)):
+        assert "empty.zarr: has no known cell, so there is nothing" in run("compare", *pair).line
 
 
 def test_settings_that_differ_are_said(run: Run, pair: tuple[Path, Path], tmp_path: Path) -> None:
@@ -92,7 +97,9 @@ def test_settings_that_differ_are_said(run: Run, pair: tuple[Path, Path], tmp_pa
     coarse = tmp_path / "coarse.zarr"
     native = tmp_path / "native.zarr"
     assert run("resample", pair[0], "--resolution", 0.2, "-o", coarse).status == 0
-    oddsmap.EvidenceMap(0.2).save(native)
+    grid = oddsmap.EvidenceMap(0.2)
+    grid.add(oddsmap.Scan.from_angles((0, 0, 0), [0.0], [1.0]))
+    grid.save(native)
     assert "warning: it is resampled from 0.1 m" in run("compare", native, coarse).out
 
 

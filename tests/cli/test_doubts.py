@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oddsmap.cli.doubts import doubt_of_sensor, doubts_of_settings
+from oddsmap.cli.doubts import doubt_of_estimator, doubt_of_sensor, doubts_of_settings
 from oddsmap.cli.setting_layers import read_layers
 from oddsmap.readers import open_log
 from oddsmap.scans.log import Log
@@ -44,6 +44,27 @@ def test_of_settings(wide: Log, settings: list[str], starts: list[str]) -> None:
     found = doubts_of_settings(wide, config)
     assert len(found) == len(starts)
     assert all(doubt.startswith(start) for doubt, start in zip(found, starts, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("settings", "estimator", "names"),
+    [
+        (["sensor.sigma=0.1", "sensor.detection=0.9"], "filter", "sensor.detection, sensor.sigma"),
+        (["sensor.sigma=0.1", "sensor.detection=0.9"], "full-map", None),
+        (["sensor.cone_deg=30", "sensor.p_hit=0.8"], "filter", None),
+        (["sensor.sigma=0.1", "sensor.kind=beam"], "filter", None),
+    ],
+)
+def test_of_the_estimator(
+    wide: Log, settings: list[str], estimator: str, names: str | None
+) -> None:
+    """The filter takes less from a sensor of wide beams than calibration finds."""
+    layers = read_layers(None, ["map.resolution=1", *settings])
+    doubt = doubt_of_estimator(layers, layers.resolve(wide), estimator)
+    assert (doubt is None) == (names is None)
+    if doubt is not None:
+        assert doubt.startswith(f"the filter does not look at {names} of wide beams")
+        assert "--estimator full-map" in doubt
 
 
 def test_of_the_sensor_that_a_map_was_made_with(wide: Log) -> None:

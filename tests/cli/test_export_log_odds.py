@@ -103,7 +103,7 @@ def test_plane(run: Run, tilted_floor: Path, tmp_path: Path, source: str) -> Non
     out = tmp_path / "plane.yaml"
     band = ("--z-min", 0.3, "--z-max", 1.5, "--ground", "relative")
     done = run("export", tmp_path / source, out, *band)
-    assert "no beam crossed 0.3 m or more of it" in done.out
+    assert "0.3 m or more without a beam" in done.out
     state = oddsmap.load_ros(out).state()
     assert np.argwhere(state == oddsmap.State.OCCUPIED).tolist() == [[5, 30]]
     # One layer was seen free: all of the band is, if it is one slab.

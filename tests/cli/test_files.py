@@ -144,6 +144,23 @@ def test_what_is_written(tmp_path: Path) -> None:
     check_files([file], other, force=False)
 
 
+def test_what_is_written_beside_it(
+    run: Run, there: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The image of a ROS map, before anything is loaded: the map here cannot be."""
+    monkeypatch.chdir(there)
+    Path("a.pgm").touch()
+    for words in (
+        ("export", "m.zarr", "a.yaml"),
+        ("export", "m.zarr", "m.yaml", "--mode", "scale"),
+        ("export", "m.zarr", "m.yaml", "--posterior", "reflection"),
+        ("costmap", "m.zarr", "a.yaml", "--inscribed-radius", 0.2),
+    ):
+        image = f"{Path(words[2]).stem}.{'png' if words[2] == 'm.yaml' else 'pgm'}"
+        assert run(*words).line.startswith(f"{image}: exists already; use --force to replace it")
+        assert "not a saved map" in run(*words, "--force").line
+
+
 def test_a_map_where_a_log_is_needed(run: Run, there: Path) -> None:
     grid = there / "m.zarr"
     (grid / "zarr.json").touch()

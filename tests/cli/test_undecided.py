@@ -51,9 +51,10 @@ def test_what_would_free_them_does(
     done = run("export", source, out)
     (note,) = notes(done.out)
     assert note == (
-        "note     90% of the 10 seen cells are written as unknown, neither free (p up to 0.196) "
-        f"nor occupied (from 0.65): a cell is free after {needed} passes, and most of these have "
-        f"{passes}. --p-miss {hint} makes them free; --mode scale keeps their probabilities"
+        "note     90% of the 10 seen cells are undecided, with p between 0.196 (free) and 0.65 "
+        f"(occupied), and are written as unknown. It takes {needed} passes to make a cell free, "
+        f"and most of these have {passes}: with --p-miss {hint} they are free. --mode scale keeps "
+        "their probabilities."
     )
     assert free_pixels(out) == 0
     done = run("export", source, out, "--force", "--p-miss", hint)
@@ -90,7 +91,7 @@ def test_cells_that_hits_and_passes_fight_for(run: Run, save: Save, tmp_path: Pa
     """No smaller p_miss decides them as free: it is not proposed."""
     (note,) = notes(run("export", save((1, 2), (2, 4)), tmp_path / "m.yaml").out)
     assert "--p-miss" not in note
-    assert "More scans decide them, or other limits (--free, --occupied)" in note
+    assert "More scans would decide them, or other limits (--free, --occupied)." in note
 
 
 def test_a_prior_that_is_free_already(run: Run, save: Save, tmp_path: Path) -> None:
@@ -105,8 +106,8 @@ def test_points(run: Run, save: Save, tmp_path: Path) -> None:
     done = run("export", source, tmp_path / "m.ply")
     (note,) = notes(done.out)  # a hit and a pass make 0.61
     assert note == (
-        "note     67% of the 3 cells that are rather occupied than free are left out: their p is "
-        "below 0.65. A larger --p-hit or --prior, or a lower --occupied brings them in"
+        "note     67% of the 3 cells with p of 0.5 or more are left out, because a cell is "
+        "occupied from 0.65 on. A lower --occupied brings them in, or a larger --p-hit or --prior."
     )
     assert notes(run("export", source, tmp_path / "m.ply", "--force", "--p-hit", 0.8).out) == []
     assert notes(run("export", source, tmp_path / "m.ply", "--force", "--p-miss", 0.2).out) == []
@@ -118,10 +119,11 @@ def test_a_projected_map(run: Run, save: Save, tmp_path: Path) -> None:
     done = run("export", source, tmp_path / "m.yaml", "--z-min", 0, "--z-max", 1)
     (note,) = notes(done.out)
     assert note.startswith("note     100% of the 5 columns seen in the band are undecided")
+    assert "a lower --z-max, if the robot is no taller; a larger --slab, which" in note
     done = run(
         "export", source, tmp_path / "l.yaml", "--z-min", 0, "--z-max", 1, "--rule", "largest"
     )
-    assert "100% of the 5 seen cells are written as unknown" in notes(done.out)[0]
+    assert "100% of the 5 seen cells are undecided" in notes(done.out)[0]
     words = ("--z-min", 0, "--z-max", 1, "--p-miss", 0.19, "--slab", "inf")
     done = run("export", source, tmp_path / "n.yaml", *words)
     assert notes(done.out) == []

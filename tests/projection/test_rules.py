@@ -148,11 +148,11 @@ def test_causes_are_counted() -> None:
     votes |= {(6, 0): (5, 0), (7, 20): (1, 0)}
     (note,) = project(columns(votes), 0.0, 2.0, slab=0.5).notes
     assert note == (
-        "71% of the 7 columns seen in the band are undecided, neither free (p up to 0.196) nor "
-        "occupied (from 0.65): no beam crossed 0.5 m or more of it, most often at its top (60%), "
-        "too few beams passed (20%), hits and passes of a cell disagree (20%). More scans decide "
-        "them, a lower top of the band (--z-max), if the robot is no higher, or a higher slab "
-        "(--slab), which may miss what is lower"
+        "71% of the 7 columns seen in the band are undecided, with p between 0.196 (free) and "
+        "0.65 (occupied). The reasons: 0.5 m or more without a beam, mostly at the top of the band "
+        "(60%), too few passes (20%), hits and passes that disagree (20%). What helps: more scans; "
+        "a lower --z-max (z_max=), if the robot is no taller; a larger --slab (slab=), which may "
+        "miss lower things."
     )
     assert not project(columns(votes), 0.0, 2.0, rule="largest").notes
 

@@ -50,7 +50,7 @@ def check_output(path: Path, *, force: bool = False, why_not: Why = why_no_file)
     if os.access(folder, os.W_OK):
         clear_dead(folder)
     if os.path.lexists(path) and not force:
-        raise OutputError(f"{path}: exists already; use --force (force=True) to replace it")
+        raise OutputError(f"{path}: exists already; use force=True to replace it")
     _check_replaceable(path, why_not)
     if not os.access(folder, os.W_OK):
         raise OutputError(f"{path}: the folder {folder} cannot be written to")
@@ -127,8 +127,7 @@ def atomic_outputs(
         if error.filename not in map(str, paths):
             raise OutputError(f"{first}: cannot be written: {error.strerror}") from error
         raise OutputError(
-            f"{error.filename}: has come while it was being written; use --force (force=True) to "
-            "replace it"
+            f"{error.filename}: has come while it was being written; use force=True to replace it"
         ) from None
     except OSError as error:
         raise OutputError(f"{first}: cannot be written: {error.strerror or error}") from error

@@ -171,5 +171,7 @@ def _unexpected(error: Exception) -> str:
 
 
 def _fail(message: str) -> None:
-    print(f"oddsmap: {message}", file=sys.stderr)  # noqa: T201
+    from oddsmap.cli.spoken import at_command_line
+
+    print(f"oddsmap: {at_command_line(message)}", file=sys.stderr)  # noqa: T201
     sys.exit(1)

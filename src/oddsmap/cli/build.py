@@ -10,7 +10,7 @@ import typer
 
 from oddsmap.cli.auto import fit_first
 from oddsmap.cli.build_plan import BuildPlan, MapSettings
-from oddsmap.cli.doubts import doubts_of_settings
+from oddsmap.cli.doubts import doubt_of_estimator, doubts_of_settings
 from oddsmap.cli.log_options import LogOptions, takes_log_options
 from oddsmap.cli.mapping import make_map
 from oddsmap.cli.opened_logs import open_logs
@@ -193,6 +193,9 @@ def build(
         for note in (*part.log.notes, *doubts_of_settings(part.log, part.config)):
             voice.note(part.log.path, note)
         _details(voice, part)
+    doubt = doubt_of_estimator(plan.layers, opened.logs[0].config, plan.estimator)
+    if doubt is not None:
+        voice.note(plan.settings.config or "--set", doubt)
     _say_doubts(opened, voice)
     voice.facts(facts)
     for line in lines(facts):

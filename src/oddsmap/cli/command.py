@@ -38,10 +38,24 @@ class Command(TyperCommand):
             if said := _NOT_ONE_OF.match(message):
                 question = did_you_mean(said[1], re.findall(r"'(.+?)'", said[2]))
                 error.message = message.removesuffix(".") + question  # type: ignore[attr-defined]
+            elif message.startswith("No such option"):
+                _say_where(error, ctx, words)
             elif message.startswith("Input should be a valid number"):
                 got = _value_of(getattr(error, "param", None), words)
                 error.message = f"a number is needed{got}"  # type: ignore[attr-defined]
             raise
+
+
+def _say_where(error: Any, ctx: Any, words: list[str]) -> None:
+    """Let the error of an option that a command lacks say what was meant."""
+    from oddsmap.cli.unknown_option import own_ones_like, where_it_belongs
+
+    option, commands = error.option_name, ctx.parent.command.commands
+    error.possibilities = own_ones_like(option, error.possibilities or ())
+    where = where_it_belongs(
+        option, ctx.info_name, commands, words, exactly=bool(error.possibilities)
+    )
+    error.message = f"{error.message}: {where}" if where else error.message
 
 
 def _value_of(parameter: Any, words: list[str]) -> str:

@@ -67,9 +67,11 @@ def compare(
     if plot is not None:
         check_suffix(plot, PICTURES, "a picture must have a name that ends in .png, .pdf or .svg")
     check_files([first, second], plot, force=force)
-    views = (
-        view_of(read_map(first, voice), posterior), view_of(read_map(second, voice), posterior)
-    )  # fmt: skip
+    maps = read_map(first, voice), read_map(second, voice)
+    for path, grid in zip((first, second), maps, strict=True):
+        if grid.bounds() is None:
+            raise InputError(f"{path}: has no known cell, so there is nothing to compare")
+    views = view_of(maps[0], posterior), view_of(maps[1], posterior)
     try:
         with working("comparing", quiet=voice.still):
             found = compare_views(*views)
@@ -78,7 +80,7 @@ def compare(
                 _draw(*views, (first.name, second.name), plot, force=force)
     except InputError as error:
         raise InputError(f"{first} and {second}: {error}") from None
-    for note in _notes(*views):
+    for note in _notes(found, *views):
         voice.note(second, note)
     voice.facts({
         "first": str(first), "second": str(second), "posterior": posterior, **_facts(found)
@@ -104,8 +106,8 @@ def _draw(
     save_kinds(plane.kinds, plot, resolution=side, origin=(x, y), names=kinds, force=force)
 
 
-def _notes(first: CountView, second: CountView) -> Iterator[str]:
-    """Why log odds may differ without a difference in the world."""
+def _notes(found: Comparison, first: CountView, second: CountView) -> Iterator[str]:
+    """What to know: maps that do not meet, and why log odds may differ in the same world."""
     from oddsmap.posterior.log_odds import LogOdds
     from oddsmap.scans.note import Note
 
@@ -132,6 +134,9 @@ def _notes(first: CountView, second: CountView) -> Iterator[str]:
     if differ:
         settings = "; ".join(differ) + ": states may differ for that alone"
         yield Note(settings, code="compare.settings")
+    if not found.both:
+        apart = "no cell is known in both maps: they are of other places, or of other frames"
+        yield Note(apart, code="compare.apart", severity="warning")
     if said := votes_differ(first.evidence, second.evidence):
         yield Note(said, code="compare.resampled", severity="warning")
     if said := frames_differ(first.evidence, second.evidence):
@@ -159,8 +164,7 @@ def _facts(found: Comparison) -> dict[str, Any]:
 
 
 def _lines(found: Comparison) -> Iterator[str]:
-    apart = "" if found.both else ": are the maps of one frame?"
-    yield f"both     {found.both:,} cells known in both{apart}"
+    yield f"both     {found.both:,} cells known in both"
     if found.both:
         yield f"agree    {found.agreement:.2%} have the same state"
         if found.decided:

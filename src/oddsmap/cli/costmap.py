@@ -95,6 +95,7 @@ def costmap(
     from oddsmap.cli.export_sources import open_source
     from oddsmap.cli.files import check_files, check_suffix
     from oddsmap.errors import ConfigError
+    from oddsmap.map_files.ros_writer import image_beside
     from oddsmap.odds import Thresholds
     from oddsmap.query.costmap import Costmap, inflate
 
@@ -109,7 +110,7 @@ def costmap(
     }
     inflate(np.zeros((1, 1), np.uint8), 1.0, **radii)  # refuses wrong ones
     check_suffix(output, (".yaml", ".yml"), "a costmap is written as a ROS map, named by its .yaml")
-    check_files([source], output, force=force)
+    check_files([source], output, beside=image_beside(output, "raw"), force=force)
     stated = {"free": free, "occupied": occupied, "z_min": z_min, "z_max": z_max}
     options = {name: value for name, value in stated.items() if value is not None}
     with working(f"writing {output.name}", quiet=voice.still):

@@ -12,12 +12,14 @@ if TYPE_CHECKING:
     from oddsmap.scans.note import Note
     from oddsmap.sensors.registry import Sensor
 
-__all__ = ["doubt_of_sensor", "doubts_of_settings"]
+__all__ = ["doubt_of_estimator", "doubt_of_sensor", "doubts_of_settings"]
 
 # Calibration may find a width that differs from the one in the log, but not by such a factor.
 _ANOTHER_WIDTH = 1.5
 # Settings of where the robot itself is.
 _ON_THE_ROBOT = ("body_min", "angle_min", "angle_max")
+# What the filter does not look at in a sensor of wide beams.
+_FORWARD = ("detection", "p_random", "p_dropout", "sigma")
 
 
 def doubts_of_settings(log: Log, config: Config) -> list[Note]:
@@ -50,6 +52,18 @@ def doubts_of_settings(log: Log, config: Config) -> list[Note]:
             )
         )
     return found
+
+
+def doubt_of_estimator(layers: SettingLayers, config: Config, estimator: str) -> Note | None:
+    """A doubt where a sensor of wide beams was described for a full map, and none is made."""
+    stated = [name for name in _FORWARD if name in layers.fields("sensor")]
+    if estimator == "full-map" or config.sensor.kind != "cone" or not stated:
+        return None
+    return _doubt(
+        f"the filter does not look at {', '.join(f'sensor.{name}' for name in stated)} of wide "
+        "beams, but maps by p_hit and p_miss: --estimator full-map uses what was found or set",
+        "sensor.estimator",
+    )
 
 
 def doubt_of_sensor(log: Log, sensor: Sensor, layers: SettingLayers) -> Note | None:

@@ -60,6 +60,7 @@ def _write(
     *,
     calibrated: bool,
 ) -> Written:
+    from oddsmap.map_files.ros_writer import image_beside
     from oddsmap.posterior.belief import Belief
 
     kind = kind_of(output, options)
@@ -71,7 +72,8 @@ def _write(
         rates["clamp"] = options.get("clamp")
     _check_values(options, number)
     read = [source, prior_file, options.get("trajectory")]
-    check_files(read, output, force=force, is_bag=kind == "ros2-bag")
+    beside = image_beside(output, options.get("mode", "trinary")) if kind == ".yaml" else None
+    check_files(read, output, beside=beside, force=force, is_bag=kind == "ros2-bag")
     prior = number if prior_file is None else prior_map(prior_file, voice)
     around = options.get("neighbours", False)
     view = open_source(source, prior, rates, voice, calibrated=calibrated, neighbours=around)

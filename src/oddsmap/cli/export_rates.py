@@ -30,6 +30,7 @@ def write_reflection(
     """Write the reflection map, see `oddsmap.posterior.reflection.Reflection`."""
     from oddsmap.errors import ConfigError
     from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.map_files.ros_writer import image_beside
     from oddsmap.posterior.reflection import Reflection
     from oddsmap.scans.note import Note
 
@@ -49,7 +50,9 @@ def write_reflection(
     }  # fmt: skip
     arguments = {names[name]: value for name, value in options.items() if name in names}
     Reflection(EvidenceMap(1.0, votes="beam"), **arguments)  # refuses what is right for no map
-    check_files([source, options.get("trajectory")], output, force=force)
+    plane = suffix in (".yaml", ".yml")
+    beside = image_beside(output, options.get("mode", "scale")) if plane else None
+    check_files([source, options.get("trajectory")], output, beside=beside, force=force)
     grid = _with_counts(source)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -18,6 +18,7 @@ def check_files(
     read: Iterable[Path | None],
     write: Path | None = None,
     *,
+    beside: Path | None = None,
     force: bool,
     is_map: bool = False,
     is_bag: bool = False,
@@ -27,7 +28,8 @@ def check_files(
     Args:
         read: files and folders; None: one that is not given.
         write: the output, if there is one.
-        force: whether it may replace another.
+        beside: a file that is written with it.
+        force: whether they may replace others.
         is_map: whether it is a map's folder.
         is_bag: whether it is the folder of a ROS 2 bag.
 
@@ -52,6 +54,8 @@ def check_files(
         check_bag_output(write, "ros2-bag", force=force)
     else:
         (check_map_output if is_map else check_output)(write, force=force)
+    if beside is not None:
+        check_output(beside, force=force)
 
 
 def _check_input(path: Path) -> None:
@@ -62,7 +66,7 @@ def _check_input(path: Path) -> None:
     try:
         path.stat()
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file: check the path") from None
+        raise InputError(f"{path}: no such file or folder: check the path") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
         why = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({why}): check the path") from None

@@ -51,13 +51,13 @@ def undecided_in_plane(plane: Plane, thresholds: Thresholds | None, view: Source
     count = sum(map(len, undecided))
     if count < _NOTABLE * seen or count == 0:
         return None
-    cause = _fewer_passes(np.concatenate(undecided), limits, view) or (
-        ". More scans decide them, or other limits (--free, --occupied)"
+    remedy = _fewer_passes(np.concatenate(undecided), limits, view) or (
+        "More scans would decide them, or other limits (--free, --occupied)."
     )
     return (
-        f"{count / seen:.0%} of the {seen:,} seen cells are written as unknown, neither free (p up "
-        f"to {limits.free:g}) nor occupied (from {limits.occupied:g}){cause}; --mode scale keeps "
-        "their probabilities"
+        f"{count / seen:.0%} of the {seen:,} seen cells are undecided, with p between "
+        f"{limits.free:g} (free) and {limits.occupied:g} (occupied), and are written as unknown. "
+        f"{remedy} --mode scale keeps their probabilities."
     )
 
 
@@ -73,9 +73,9 @@ def undecided_in_points(view: Belief | VoxelMap, limits: Thresholds) -> str | No
     if left < _NOTABLE * likely or left <= 0:
         return None
     return (
-        f"{left / likely:.0%} of the {likely:,} cells that are rather occupied than free are left "
-        f"out: their p is below {limits.occupied:g}. A larger --p-hit or --prior, or a lower "
-        "--occupied brings them in"
+        f"{left / likely:.0%} of the {likely:,} cells with p of 0.5 or more are left out, because "
+        f"a cell is occupied from {limits.occupied:g} on. A lower --occupied brings them in, or a "
+        "larger --p-hit or --prior."
     )
 
 
@@ -97,6 +97,6 @@ def _fewer_passes(p: FloatArray, limits: Thresholds, view: Source) -> str | None
         return None
     needed = math.ceil((goal - start) / step - 1e-9)
     return (
-        f": a cell is free after {needed} passes, and most of these have {passes}. "
-        f"--p-miss {wanted:g} makes them free"
+        f"It takes {needed} passes to make a cell free, and most of these have {passes}: with "
+        f"--p-miss {wanted:g} they are free."
     )

@@ -11,6 +11,7 @@ from typing import Any, TextIO
 import typer
 
 from oddsmap.cli.layout import fitted, screen_width
+from oddsmap.cli.spoken import at_command_line
 
 __all__ = ["Voice"]
 
@@ -46,6 +47,7 @@ class Voice:
     def say(self, line: str) -> None:
         """A line of the result in words, as wide as the screen; a command is left in one piece."""
         if not self.still:
+            line = at_command_line(line)
             typer.echo(line if line.startswith("next ") else _fitted(line, sys.stdout))
 
     def note(self, where: object, note: str, *, err: bool = False) -> None:
@@ -61,7 +63,7 @@ class Voice:
         doubt = "warning: " if getattr(note, "severity", "info") == "warning" else ""
         code = f" ({note.code})" if self.verbose and hasattr(note, "code") else ""
         err = err or self.as_json
-        line = f"{where}: {doubt}{note}{code}"
+        line = f"{where}: {doubt}{at_command_line(note)}{code}"
         typer.echo(_fitted(line, sys.stderr if err else sys.stdout), err=err)
 
     def detail(self, line: str) -> None:

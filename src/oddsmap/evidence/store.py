@@ -216,8 +216,8 @@ def _header_of(path: Path) -> Header:
         if not path.exists():
             raise InputError(f"{path}: no such file or folder")
         raise InputError(
-            f"{path}: not a saved map (a Zarr folder with hits and passes, as oddsmap build makes "
-            "of a log)"
+            f"{path}: not a saved map, which is a Zarr folder with hits and passes; if it is a "
+            "log, make a map of it first: oddsmap build LOG --resolution 0.05 -o MAP.zarr"
         )
     return read_header(path, EVIDENCE_MAP)
 

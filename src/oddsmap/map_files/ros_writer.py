@@ -25,7 +25,7 @@ from oddsmap.map_files.fields import Grid
 from oddsmap.map_files.ros_reader import RosMode, read_greys
 from oddsmap.odds import State, Thresholds
 
-__all__ = ["save_ros"]
+__all__ = ["image_beside", "save_ros"]
 
 _FREE, _UNKNOWN, _OCCUPIED = 254, 205, 0  # the greys of Nav2's saver
 _RAW_UNKNOWN = 255
@@ -72,7 +72,7 @@ def save_ros(
         raise ConfigError(f"mode must be one of {', '.join(get_args(RosMode))}, got {mode!r}")
     if path.suffix not in {".yaml", ".yml"}:
         raise ConfigError(f"{path}: a ROS map is named by its .yaml; give such a name")
-    image = path.with_suffix(".png" if mode == "scale" else ".pgm")
+    image = image_beside(path, mode)
     check_output(path, force=force)
     check_output(image, force=force)
     _check_grid(grid, path)
@@ -85,6 +85,11 @@ def save_ros(
         else:
             _write_pgm(part, grey)
     return path, image
+
+
+def image_beside(path: Path, mode: RosMode) -> Path:
+    """The image of a ROS map, by the path of its YAML."""
+    return path.with_suffix(".png" if mode == "scale" else ".pgm")
 
 
 def _check_grid(grid: Grid, path: Path) -> None:

@@ -36,8 +36,8 @@ def note_of_undecided(
     gap = gaps.any(axis=0)
     causes = {
         _where_unseen(gaps, slab): np.count_nonzero(gap),
-        "too few beams passed": np.count_nonzero(open_ & ~gap & ~judged.doubted),
-        "hits and passes of a cell disagree": np.count_nonzero(open_ & judged.doubted),
+        "too few passes": np.count_nonzero(open_ & ~gap & ~judged.doubted),
+        "hits and passes that disagree": np.count_nonzero(open_ & judged.doubted),
     }
     said = ", ".join(
         f"{cause} ({_share(count, undecided)})"
@@ -45,9 +45,9 @@ def note_of_undecided(
         if count
     )
     yield Note(
-        f"{_share(undecided, known)} of the {known:,} columns seen in the band are undecided, "
-        f"neither free (p up to {limits.free:g}) nor occupied (from {limits.occupied:g}): {said}. "
-        f"{_remedy(gaps, undecided)}",
+        f"{_share(undecided, known)} of the {known:,} columns seen in the band are undecided, with "
+        f"p between {limits.free:g} (free) and {limits.occupied:g} (occupied). The reasons: "
+        f"{said}. What helps: {_remedy(gaps, undecided)}.",
         code="projection.undecided",
     )
 
@@ -55,16 +55,18 @@ def note_of_undecided(
 def _where_unseen(gaps: BoolArray, slab: float) -> str:
     bottom, between, top = (np.count_nonzero(each) for each in gaps)
     most = max((bottom, "bottom"), (between, "middle"), (top, "top"))[1]
-    height = f"{slab:g} m" if 0.0 < slab < np.inf else "the band" if slab else "a cell"
-    return f"no beam crossed {height} or more of it, most often at its {most}"
+    if slab == np.inf:
+        return "no beam in the whole band"
+    height = f"{slab:g} m" if slab else "a cell"
+    return f"{height} or more without a beam, mostly at the {most} of the band"
 
 
 def _remedy(gaps: BoolArray, undecided: int | np.integer) -> str:
-    ways = ["More scans decide them"]
+    ways = ["more scans"]
     if 4 * np.count_nonzero(gaps[2]) > undecided:
-        ways.append("a lower top of the band (--z-max), if the robot is no higher")
-    ways.append("or a higher slab (--slab), which may miss what is lower")
-    return ", ".join(ways)
+        ways.append("a lower --z-max (z_max=), if the robot is no taller")
+    ways.append("a larger --slab (slab=), which may miss lower things")
+    return "; ".join(ways)
 
 
 def _share(count: int | np.integer, total: int | np.integer) -> str:
