@@ -92,7 +92,7 @@ FLOORS = (
     ("cleaning", "plausibility"),
     ("evidence_map",),
     ("full_map",),
-    ("projection", "witnesses"),
+    ("projection", "scale", "witnesses"),
     ("integrate",),
     ("posterior",),
     ("evidence",),
