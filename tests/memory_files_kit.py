@@ -52,6 +52,10 @@ def files(folder: Path) -> Repeat:
     def repeat() -> None:
         plane().save(folder / "plane.zarr", force=True)
         oddsmap.load_map(folder / "plane.zarr").cells()
+        saved = oddsmap.EvidenceMap.open(folder / "plane.zarr")
+        saved.at([(3.0, 3.0)])
+        saved.crop_box((2.0, 2.0), (4.0, 4.0)).bounds()
+        saved.overview(50)
         full_map().save(folder / "full.zarr", force=True)
         oddsmap.load_full_map(folder / "full.zarr").cells()
         for each in (view(), plane().reflection(), plane().decay_rate(), full_map()):

@@ -40,7 +40,9 @@ def things(folder: Path) -> dict[str, Any]:
     points = rng.uniform(-2.0, 2.0, (300, 3))
     clouds = [Scan.from_points(np.eye(4), points)]
     space = oddsmap.build_map(clouds, 0.2)
+    plane.save(folder / "saved.zarr")
     return {
+        "SavedMap": oddsmap.EvidenceMap.open(folder / "saved.zarr"),
         **_of_readings(), **_of_logs(folder), **_of_maps(plane, space), **_of_views(plane, space),
         **_of_queries(plane.log_odds(), space.log_odds()), **_of_several(plane, space, clouds),
         **_of_full_maps(),

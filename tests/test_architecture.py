@@ -93,7 +93,7 @@ FLOORS = (
     ("evidence_map",),
     ("viewer",),
     ("full_map",),
-    ("projection", "witnesses"),
+    ("projection", "scale", "witnesses"),
     ("integrate",),
     ("posterior",),
     ("evidence",),

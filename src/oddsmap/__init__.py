@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from oddsmap.query.queries import PointStates
     from oddsmap.query.ray_caster import RayCaster, RayHits
     from oddsmap.readers import open_log
+    from oddsmap.scale.saved_map import SavedMap
     from oddsmap.scans.depth_image import DepthScan, PinholeCamera
     from oddsmap.scans.grid_scan import GridScan
     from oddsmap.scans.log import Log
@@ -123,6 +124,7 @@ __all__ = [
     "RayHits",
     "Reflection",
     "ReflectionMap",
+    "SavedMap",
     "Scan",
     "ScanVote",
     "State",
@@ -200,6 +202,7 @@ _HOME = {
     "RayHits": "query.ray_caster",
     "Reflection": "posterior.reflection",
     "ReflectionMap": "full_map.reflection_map",
+    "SavedMap": "scale.saved_map",
     "Scan": "scans.scan",
     "ScanVote": "witnesses.why",
     "State": "odds",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from oddsmap.posterior.neighbour_model import NeighbourModel
     from oddsmap.posterior.prior import MapLike
     from oddsmap.posterior.reflection import IntervalKind, Reflection
+    from oddsmap.scale.saved_map import SavedMap
     from oddsmap.viewer.map_widget import MapWidget
     from oddsmap.viewer.notebook import Bundle
 
@@ -243,6 +244,20 @@ class EvidenceMap(Evidence, Pictured):
     def load(cls, path: str | os.PathLike[str]) -> EvidenceMap:
         """Read a map that `save` wrote: see `load_map`."""
         return load_map(path)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> SavedMap[Self]:
+        """A map that `save` wrote, of any size: regions and points of it are read when asked for.
+
+            town = oddsmap.EvidenceMap.open("town.zarr")
+            town.crop_box((0.0, 0.0), (40.0, 25.0)).log_odds().save_ros("hall.yaml")
+
+        Raises:
+            InputError: not a map, its header is damaged, or it is of a newer format.
+        """
+        from oddsmap.scale.saved_map import SavedMap
+
+        return SavedMap(path, cls)
 
 
 def build_map(

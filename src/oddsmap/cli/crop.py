@@ -41,49 +41,12 @@ def crop(
     verbose: Verbose = False,
 ) -> None:
     """Keep the part of a map that lies in a box: see `HELP`."""
-    from oddsmap.cell_index import box_cells
-    from oddsmap.errors import InputError
-    from oddsmap.evidence.store import read_empty
-    from oddsmap.evidence_map import EvidenceMap, load_map
+    from oddsmap.cli.map_regions import corners_of, read_part
 
     voice = Voice(quiet=quiet, verbose=verbose, as_json=as_json)
-    lo, hi = _corners(box)
+    lo, hi = corners_of(box)
     check_maps([source], output, force=force)
-    like = read_empty(source, EvidenceMap)
-    if len(lo) != like.ndim:
-        raise InputError(
-            f"{source}: is a {like.ndim}D map, whose box has {2 * like.ndim} numbers; --box has "
-            f"{2 * len(lo)}"
-        )
-    first, past = box_cells(lo, hi, like.resolution, like.ndim)
     with working(f"reading {source.name}", quiet=voice.still):
-        part = load_map(source, lo=first, hi=past)
-    if part.cell_count() == 0:
-        raise InputError(
-            f"{source}: no evidence in the box {box}; oddsmap info says how far the map reaches"
-        )
+        part = read_part(source, box=box)
     said = f"cropped  {' x '.join(f'{b - a:g}' for a, b in zip(lo, hi, strict=True))} metres"
     write_map(part, output, said, {"input": str(source)}, force=force, voice=voice)
-
-
-def _corners(box: str) -> tuple[list[float], list[float]]:
-    """The two corners that --box says.
-
-    Raises:
-        ConfigError: it is no four or six numbers, or the corners are not in order.
-    """
-    from oddsmap.errors import ConfigError
-
-    try:
-        numbers = [float(word) for word in box.replace(",", " ").split()]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (4, 6):
-        raise ConfigError(
-            f'--box {box}: four numbers [metres] are needed, as in --box "0 0 40 25" (x0 y0 x1 '
-            "y1), or six for a 3D map (x0 y0 z0 x1 y1 z1)"
-        )
-    lo, hi = numbers[: len(numbers) // 2], numbers[len(numbers) // 2 :]
-    if not all(a < b for a, b in zip(lo, hi, strict=True)):
-        raise ConfigError(f"--box {box}: the lowest corner comes first, then the highest")
-    return lo, hi

@@ -13,6 +13,7 @@ from oddsmap.cli.build_plan import EXPORTED
 from oddsmap.cli.export_formats import HEIGHTS
 from oddsmap.cli.export_log_odds import write_calibrated, write_full_map, write_log_odds
 from oddsmap.cli.export_rates import write_decay, write_reflection
+from oddsmap.cli.map_regions import corners_of
 from oddsmap.cli.options import Quiet, Verbose, flag, force_option
 from oddsmap.cli.picture_options import OF_PICTURES
 from oddsmap.cli.progress import working
@@ -46,6 +47,8 @@ HELP = """Write a map as what other software reads: OUT's suffix decides.
   oddsmap export intel.zarr intel.pdf --title "Intel lab" \\
     --trajectory intel.log.gz --crop -10 -10 20 6
                                           a part of it for a paper
+  oddsmap export town.zarr street.yaml --box "0 0 200 80"
+                                          a part of a map of any size
   oddsmap export intel.zarr intel.npz --prior 0.2
                                           cells, counts and probabilities
   oddsmap export intel.zarr intel.png --prior old.yaml
@@ -288,6 +291,14 @@ def export(
             "known.",
         ),
     ] = None,
+    box: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'X0 Y0 X1 Y1'",
+            help="Only this part of a saved map is read and written: lowest and highest corner "
+            "[metres], of a 3D map x y z of each; by default all.",
+        ),
+    ] = None,
     size: Annotated[
         int | None,
         typer.Option(
@@ -318,13 +329,16 @@ def export(
             "z_max": z_max, "ground": ground, "rule": rule, "slab": slab, "clamp": clamp,
             "show": show, "level": level,
             "interval": interval, "threshold": threshold, "beta_a": beta_a, "beta_b": beta_b,
-            "title": title, "trajectory": trajectory, "crop": crop, "size": size,
+            "title": title, "trajectory": trajectory, "crop": crop, "box": box,
+            "size": size,
             "whole": whole or None,
         }.items()
         if value is not None
     }  # fmt: skip
     view = _view_of(posterior, stated)
     _check_suffix(output, stated)
+    if box is not None:
+        corners_of(box)
     with working(f"writing {output.name}", quiet=voice.still):
         written = view.write(source, output, stated, force, voice)
     voice.say(f"wrote    {', '.join(str(path) for path in written.files)}")
@@ -346,7 +360,7 @@ _OF_CELLS = ("prior", "p_hit", "p_miss", "free", "occupied")
 _VIEWS = {
     "log-odds": _View(
         write_log_odds,
-        frozenset({*_OF_FILES, *_OF_CELLS, *HEIGHTS}),
+        frozenset({*_OF_FILES, *_OF_CELLS, *HEIGHTS, "box"}),
     ),
     "calibrated": _View(
         write_calibrated,
@@ -359,10 +373,20 @@ _VIEWS = {
     "reflection": _View(
         write_reflection,
         frozenset(
-            {"mode", "show", "level", "interval", "threshold", "beta_a", "beta_b", *OF_PICTURES}
+            {
+                "mode",
+                "show",
+                "level",
+                "interval",
+                "threshold",
+                "beta_a",
+                "beta_b",
+                "box",
+                *OF_PICTURES,
+            }
         ),
     ),
-    "decay": _View(write_decay, frozenset({"show", "level", *OF_PICTURES})),
+    "decay": _View(write_decay, frozenset({"show", "level", "box", *OF_PICTURES})),
 }
 
 

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.export_formats import BAGS, check_format_options, kind_of
-from oddsmap.cli.export_plane import write_geotiff, write_picture, write_ros
+from oddsmap.cli.export_plane import write_geotiff, write_overview, write_picture, write_ros
 from oddsmap.cli.export_rerun import write_rerun
 from oddsmap.cli.export_ros import header_of, write_bag
 from oddsmap.cli.export_sources import open_source, prior_map, prior_of, thresholds_of
 from oddsmap.cli.export_space import write_las, write_octomap, write_ply
 from oddsmap.cli.files import check_files
+from oddsmap.cli.map_regions import overview_of_large
 from oddsmap.cli.written import Written
 
 if TYPE_CHECKING:
@@ -76,7 +77,13 @@ def _write(
     check_files(read, output, beside=beside, force=force, is_bag=kind == "ros2-bag")
     prior = number if prior_file is None else prior_map(prior_file, voice)
     around = options.get("neighbours", False)
-    view = open_source(source, prior, rates, voice, calibrated=calibrated, neighbours=around)
+    if kind == ".png" and not calibrated and prior_file is None:
+        large = overview_of_large(source, options, rates, number)
+        if large is not None:
+            return write_overview(large, source, output, options, force)
+    view = open_source(
+        source, prior, rates, voice, options=options, calibrated=calibrated, neighbours=around
+    )
     limits = thresholds_of(view, options)
     if isinstance(view, Belief):
         view.thresholds = limits

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from oddsmap.maps.probability_map import ProbabilityMap
     from oddsmap.odds import Thresholds
 
-__all__ = ["grid_of", "plane_of", "write_geotiff", "write_picture", "write_ros"]
+__all__ = ["grid_of", "plane_of", "write_geotiff", "write_overview", "write_picture", "write_ros"]
 
 Options = Mapping[str, Any]
 
@@ -30,6 +30,28 @@ def write_picture(view: Source, output: Path, options: Options, force: bool) -> 
     grid = grid_of(view, options)[0]
     save_picture(grid, output, force=force, **frame_options(options))
     return Written([output], grid.notes)
+
+
+def write_overview(
+    grid: ProbabilityMap, source: Path, output: Path, options: Options, force: bool
+) -> Written:
+    """Write a picture of a map that does not fit in memory, from blocks of its cells."""
+    from oddsmap.errors import ConfigError
+    from oddsmap.plot.picture import save_picture
+
+    if _banded(options):
+        raise ConfigError(
+            "--z-min, --z-max, --ground, --rule and --slab need a 3D map, this one is 2D"
+        )
+    save_picture(grid, output, force=force, **frame_options(options))
+    side = f"{grid.resolution:g} m"
+    return Written(
+        [output],
+        (
+            f"{source.name} does not fit in memory as a picture of all its cells: drawn in blocks "
+            f"of {side}; --box or --crop draws a part of it in its cells",
+        ),
+    )
 
 
 def write_ros(view: Source, output: Path, options: Options, force: bool) -> Written:

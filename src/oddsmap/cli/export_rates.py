@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.files import check_files
+from oddsmap.cli.map_regions import read_part
 from oddsmap.cli.options import flag
 from oddsmap.cli.picture_options import OF_PICTURES, PICTURES, frame_options
 from oddsmap.cli.written import Written
@@ -53,7 +54,7 @@ def write_reflection(
     plane = suffix in (".yaml", ".yml")
     beside = image_beside(output, options.get("mode", "scale")) if plane else None
     check_files([source, options.get("trajectory")], output, beside=beside, force=force)
-    grid = _with_counts(source)
+    grid = _with_counts(source, options)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         view = Reflection(grid, **arguments)
@@ -107,7 +108,7 @@ def write_decay(source: Path, output: Path, options: Options, force: bool, voice
     level = options.get("level", 0.95)
     EvidenceMap(1.0, votes="beam", path_lengths=True).decay_rate(level=level)
     check_files([source, options.get("trajectory")], output, force=force)
-    view = _with_counts(source).decay_rate(level=level)
+    view = _with_counts(source, options).decay_rate(level=level)
     if suffix == ".npz":
         view.save_npz(output, force=force)
     else:
@@ -123,12 +124,11 @@ def _check_picture(options: Options, output: Path) -> None:
         raise ConfigError(f"{flag(stated[0])} shapes a picture, not {output.name}")
 
 
-def _with_counts(source: Path) -> EvidenceMap:
+def _with_counts(source: Path, options: Options) -> EvidenceMap:
     from oddsmap.errors import ConfigError
-    from oddsmap.evidence_map import load_map
     from oddsmap.full_map.store import is_full_map
     from oddsmap.map_files.octomap_reader import is_octomap
 
     if is_octomap(source) or is_full_map(source):
         raise ConfigError(f"{source}: this view needs hits and passes, this map has none")
-    return load_map(source)
+    return read_part(source, box=options.get("box"))

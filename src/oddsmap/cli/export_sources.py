@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from oddsmap.cli.map_regions import read_part
+
 if TYPE_CHECKING:
     from oddsmap.cli.voice import Voice
     from oddsmap.maps.probability_map import ProbabilityMap
@@ -41,6 +43,7 @@ def open_source(
     rates: Mapping[str, Any],
     voice: Voice,
     *,
+    options: Mapping[str, Any] | None = None,
     calibrated: bool = False,
     neighbours: bool = False,
 ) -> Source:
@@ -51,6 +54,8 @@ def open_source(
         prior: for a map with counts; None: the map's own.
         rates: p_hit, p_miss and clamp, likewise.
         voice: says what is doubtful about a ROS map.
+        options: those of `oddsmap export` that are stated, by name; of a saved map only what --box
+            or --crop says is read; None: none.
         calibrated: which view; a map without counts has none.
         neighbours: whether that looks at the counts around a cell, too.
 
@@ -76,14 +81,18 @@ def open_source(
             f"{source}: {kind} has no counts; --prior, --p-hit and --p-miss need those, and so "
             "does --clamp but for an .ot"
         )
+    stated = options or {}
+    if kind is not None and "box" in stated:
+        raise ConfigError(f"{source}: {kind} is read whole; --box is for maps of oddsmap build")
     if kind == "a ROS map":
         return load_ros_map(source, voice)
     if kind is not None:
         return load_octomap(source) if is_octomap(source) else load_full_map(source)
     check_no_image(source)
-    grid = load_map(source)
     if calibrated:
+        grid = load_map(source)
         return grid.calibrated(prior=prior, clamp=rates.get("clamp"), neighbours=neighbours)
+    grid = read_part(source, box=stated.get("box"), shown=stated.get("crop"))
     return grid.log_odds(prior=prior, **rates)
 
 

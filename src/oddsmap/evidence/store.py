@@ -15,7 +15,7 @@ itself; docs/formats.md lists every attribute.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -177,19 +177,33 @@ def _read(
     """Read a map once; `take` gets what each shard holds, and then the map is empty again."""
     header = _header_of(path)
     evidence = _empty_map(path, kind, header)
-    d, side = evidence.ndim, evidence.tiles.side
+    d = evidence.ndim
     if any(box is not None and box.shape != (d,) for box in (lo, hi)):
         raise InputError(f"{path}: a box needs {d} indices each, got lo {lo} and hi {hi}")
     if lo is not None and hi is not None:
         cell_box(lo, hi, d)
+    _fill(evidence, SavedShards(path, header), lo, hi, take=take)
+    return evidence
+
+
+def _fill(
+    evidence: E,
+    shards: SavedShards,
+    lo: IntArray | None,
+    hi: IntArray | None,
+    *,
+    take: Callable[[E], None] | None = None,
+    places: Sequence[tuple[int, ...]] | None = None,
+) -> None:
+    """Add what a box of a saved map holds, or of some of its shards, to an empty one."""
+    d, side = evidence.ndim, evidence.tiles.side
     stored = [(evidence.tiles, tuple(_VOTES))]
     if evidence.lengths is not None:
         stored.append((evidence.lengths, tuple(_LENGTHS)))
-    shards = SavedShards(path, header)
     for tiles, names in stored:
-        unit = _unit_of(header.arrays[names[0]].attributes, names[0])
+        unit = _unit_of(shards.header.arrays[names[0]].attributes, names[0])
 
-        for chunks in shards.read_all(names, lo, hi):
+        for chunks in shards.read_all(names, lo, hi, places):
             for cells, name in zip(chunks.cells, names, strict=True):
                 _check_counts(cells, unit, name)
                 if lo is not None or hi is not None:
@@ -204,7 +218,6 @@ def _read(
             if take is not None:
                 take(evidence)
                 tiles.clear()
-    return evidence
 
 
 def _header_of(path: Path) -> Header:
