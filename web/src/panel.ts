@@ -5,6 +5,7 @@ import { commandOf } from "./command";
 import { css, type Palette } from "./colours";
 import { element, uniqueId } from "./dom";
 import { posteriorOf } from "./given";
+import { landmarkLegend } from "./landmarks";
 import type { Facts } from "./payload";
 import { isOfCounts, isProbability, logit, sigmoid, valueOf } from "./posterior";
 import { type NumberName, type Settings, settingsOf, spanOf, type Store } from "./settings";
@@ -99,10 +100,8 @@ export function panelOf(facts: Facts, store: Store): Panel {
     (value) => store.set({ colours: value as Settings["colours"] }));
   const fromAfar = choice("From afar", [["walls", "Most occupied cell"], ["sums", "Evidence added up"]],
     (value) => store.set({ fromAfar: value as Settings["fromAfar"] }));
-  const clamped = element("input", { type: "checkbox", id: uniqueId() });
-  clamped.addEventListener("change", () => store.set({ clamped: clamped.checked }));
-  const clamp = element("div", { class: "check" }, clamped,
-    element("label", { for: clamped.id }, "Clamp probabilities"));
+  const clamp = check("Clamp probabilities", (clamped) => store.set({ clamped }));
+  const landmarks = check("Landmarks", (shown) => store.set({ landmarks: shown }));
   const sliders = slidersOf(facts);
   const rows = sliders.map((slider) => row(slider, store));
   const reset = element("button", { type: "button" }, "As the map has it");
@@ -125,10 +124,14 @@ export function panelOf(facts: Facts, store: Store): Panel {
   const box = element("fieldset", { class: "clip" }, element("legend", {}, "Clip box"),
     ...rows.slice(sliders.length - 6).map((one) => one.root));
   const ofKind = space ? [paint.root, drag.root, box] : [fromAfar.root];
-  const root = element("section", { class: "panel", "aria-label": "How the map is shown" },
-    posterior.root, note, doubt, ...(space ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp,
-    ...fromClamp.map((one) => one.root), ...ofKind, reset, legend,
-    element("div", { class: "command" }, command, copy));
+  const onTop = facts.landmarks ? [landmarks.root] : [];
+  // Without a map there is nothing to set and nothing to export.
+  const parts = facts.cells === 0 ? [legend] : [
+    posterior.root, note, doubt, ...(space ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp.root,
+    ...fromClamp.map((one) => one.root), ...ofKind, ...onTop, reset, legend,
+    element("div", { class: "command" }, command, copy),
+  ];
+  const root = element("section", { class: "panel", "aria-label": "How the map is shown" }, ...parts);
   return {
     root,
     update(palette) {
@@ -138,19 +141,27 @@ export function panelOf(facts: Facts, store: Store): Panel {
       paint.select.value = set.paint;
       drag.select.value = set.drag;
       fromAfar.select.value = set.fromAfar;
-      clamped.checked = set.clamped;
+      clamp.box.checked = set.clamped;
+      landmarks.box.checked = set.landmarks;
       colours.root.hidden = !isProbability(set.posterior);
-      clamp.hidden = !mayBeClamped(set);
+      clamp.root.hidden = !mayBeClamped(set);
       note.hidden = isOfCounts(set.posterior);
       paint.select.options[2]!.hidden = !isOfCounts(set.posterior);
       fromAfar.root.hidden = set.posterior === "interval-width" || !isOfCounts(set.posterior);
       for (const one of rows) one.update(set);
       doubt.textContent = doubtOf(facts, set);
       doubt.hidden = doubt.textContent === "";
-      legend.replaceChildren(...legendOf(facts, set, palette));
+      const marks = facts.landmarks && set.landmarks ? landmarkLegend() : [];
+      legend.replaceChildren(...(facts.cells === 0 ? [] : legendOf(facts, set, palette)), ...marks);
       command.textContent = commandOf(facts, set);
     },
   };
+}
+
+function check(label: string, changed: (checked: boolean) => void) {
+  const box = element("input", { type: "checkbox", id: uniqueId() });
+  box.addEventListener("change", () => changed(box.checked));
+  return { root: element("div", { class: "check" }, box, element("label", { for: box.id }, label)), box };
 }
 
 /** The posteriors of a map, with what they are called: what is worked out here, and what came with it. */

@@ -24,6 +24,8 @@ export interface Settings {
   clampHigh: number;
   betaA: number;
   betaB: number;
+  /** Whether they are shown. */
+  landmarks: boolean;
   /** What the colour of a voxel says. */
   paint: "height" | "probability" | "hits";
   /** What a drag turns around: the middle of the screen, or the eye. */
@@ -64,6 +66,7 @@ export function settingsOf(facts: Facts): Settings {
     clampHigh: 0.971,
     betaA: 1,
     betaB: 1,
+    landmarks: true,
     paint: "height",
     drag: "orbit",
     xLow, xHigh, yLow, yHigh, zLow, zHigh,
