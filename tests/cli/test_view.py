@@ -59,7 +59,7 @@ def test_a_map_of_any_kind(run: Run, saved: Path, tmp_path: Path) -> None:
     (tmp_path / "seen.csv").write_text("x,y\n0,0\n")
     for name, said in (
         ("ros.pgm", "an image says no resolution"),
-        ("seen.csv", "not a saved map"),
+        ("seen.csv", "not a table of landmarks"),
     ):
         line = run("view", tmp_path / name, "-o", tmp_path / "m.html").line
         assert line.startswith(f"{tmp_path / name}: ")
@@ -80,6 +80,24 @@ def test_maps_beside_another(run: Run, saved: Path, tmp_path: Path) -> None:
         (page, "not a map of probabilities"),
     ):
         assert said in run("view", saved, "--with", other, "-o", tmp_path / "n.html").line
+
+
+def test_landmarks_alone_and_on_top(run: Run, saved: Path, tmp_path: Path) -> None:
+    trees = tmp_path / "trees.csv"
+    trees.write_text("id,x,y,cov_xx,cov_xy,cov_yy,count\n7,0.5,1,0.01,0,0.02,3\n")
+    assert run("view", trees, "-o", tmp_path / "alone.html").status == 0
+    top = ("--landmarks", trees)
+    assert run("view", saved, *top, "-o", tmp_path / "both.html").status == 0
+    space = EvidenceMap(0.1, ndim=3)
+    space.add_cells(np.array([[0, 0, 0]]), np.array([ONE]), np.array([0]))
+    space.save(tmp_path / "space.zarr")
+    for shown, said in (
+        ((trees, *top), "landmarks lie on top of a map: oddsmap view MAP --landmarks"),
+        ((tmp_path / "space.zarr", *top), "landmarks are drawn on 2D maps, this one is 3D"),
+        ((saved, "--landmarks", tmp_path / "alone.html"), "not a landmark map in JSON"),
+        ((saved, "--landmarks", tmp_path / "none.csv"), "no such file"),
+    ):
+        assert said in run("view", *shown, "-o", tmp_path / "m.html").line
 
 
 # Shells let what runs in the background ignore Ctrl-C, and these tests may.

@@ -18,6 +18,8 @@ export function headingOf(root: HTMLElement, facts: Facts, changed: () => void, 
   const shown = from.length > 3 ? [...from.slice(0, 3), `${from.length - 3} more`] : from;
   const beside = facts.given.slice(facts.counts ? 0 : 1)
     .map(({ name, what, cells }) => `beside ${name}, ${article(what)} ${what} of ${count(cells)} cells`);
+  const marks = count(facts.landmarks?.length ?? 0);
+  if (facts.landmarks && facts.cells > 0) beside.push(`${marks} landmarks`);
   const theme = element("button", { type: "button", class: "theme" });
   const named = { auto: "Colours as the system has them", light: "Light", dark: "Dark" };
   const next = { auto: "light", light: "dark", dark: "auto" } as const;
@@ -32,6 +34,6 @@ export function headingOf(root: HTMLElement, facts: Facts, changed: () => void, 
   DARK.addEventListener("change", changed, { signal: ending });
   return element("header", {},
     element("div", { class: "title" }, element("h1", {}, facts.name || "Map"), theme),
-    element("p", {}, `${count(facts.cells)} known cells of ${short(facts.resolution)} m`,
+    element("p", {}, facts.cells === 0 ? `${marks} landmarks` : `${count(facts.cells)} known cells of ${short(facts.resolution)} m`,
       ...[...shown, ...beside].flatMap((line) => [element("br"), line])));
 }

@@ -5,6 +5,7 @@ import { commandOf } from "./command";
 import { css, type Palette } from "./colours";
 import { element, uniqueId } from "./dom";
 import { posteriorOf } from "./given";
+import { landmarkLegend } from "./landmarks";
 import type { Facts } from "./payload";
 import { isOfCounts, isProbability, logit, sigmoid } from "./posterior";
 import { type NumberName, type Settings, settingsOf, showsShare, type Store } from "./settings";
@@ -87,7 +88,8 @@ export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
     (value) => store.set({ colours: value as Settings["colours"] }));
   const fromAfar = choice("From afar", [["walls", "Most occupied cell"], ["sums", "Evidence added up"]],
     (value) => store.set({ fromAfar: value as Settings["fromAfar"] }));
-  const clamp = check("Clamp probabilities", (checked) => store.set({ clamped: checked }));
+  const clamp = check("Clamp probabilities", (clamped) => store.set({ clamped }));
+  const landmarks = check("Landmarks", (shown) => store.set({ landmarks: shown }));
   const sliders = special?.sliders ?? SLIDERS;
   const rows = sliders.map((slider) => row(slider, store));
   const reset = element("button", { type: "button" }, "As the map has it");
@@ -107,10 +109,14 @@ export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
   // The box that switches the bounds on stands above them.
   const first = sliders.findIndex((slider) => slider.name === "clampLow");
   const [beforeClamp, fromClamp] = [rows.slice(0, first), rows.slice(first)];
-  const root = element("section", { class: "panel", "aria-label": "How the map is shown" },
+  const onTop = facts.landmarks ? [landmarks.root] : [];
+  // Without a map there is nothing to set and nothing to export.
+  const parts = facts.cells === 0 ? [legend] : [
     posterior.root, note, doubt, ...(special ? [] : [colours.root]), ...beforeClamp.map((one) => one.root), clamp.root,
-    ...fromClamp.map((one) => one.root), ...(special?.roots ?? [fromAfar.root]), reset, legend,
-    element("div", { class: "command" }, command, copy));
+    ...fromClamp.map((one) => one.root), ...(special?.roots ?? [fromAfar.root]), ...onTop, reset, legend,
+    element("div", { class: "command" }, command, copy),
+  ];
+  const root = element("section", { class: "panel", "aria-label": "How the map is shown" }, ...parts);
   return {
     root,
     update(palette) {
@@ -119,6 +125,7 @@ export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
       colours.select.value = set.colours;
       fromAfar.select.value = set.fromAfar;
       clamp.box.checked = set.clamped;
+      landmarks.box.checked = set.landmarks;
       colours.root.hidden = !isProbability(set.posterior);
       clamp.root.hidden = !mayBeClamped(set);
       note.hidden = isOfCounts(set.posterior);
@@ -127,7 +134,9 @@ export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
       special?.update(set);
       doubt.textContent = [...(special?.doubts(set) ?? []), doubtOf(facts, set)].join(" ").trim();
       doubt.hidden = doubt.textContent === "";
-      legend.replaceChildren(...(special?.legend(set) ?? legendOf(set, palette)));
+      const marks = facts.landmarks && set.landmarks ? landmarkLegend() : [];
+      legend.replaceChildren(
+        ...(special?.legend(set) ?? (facts.cells === 0 ? [] : legendOf(set, palette))), ...marks);
       command.textContent = commandOf(facts, set);
     },
   };

@@ -29,11 +29,21 @@ export interface GivenFacts {
   values: Float64Array;
 }
 
+/** A landmark; lengths in metres. */
+export interface Landmark {
+  id: string;
+  mean: number[];
+  /** Of its x and y with 95 %: longer and shorter semi-axis, angle of the longer one [rad]. */
+  ellipse: [number, number, number];
+  count: number;
+}
+
 /** The facts of a map; lengths in metres. */
 interface CommonFacts {
   /** Whether there are hits and passes; else `given` is all there is. */
   counts: boolean;
   given: GivenFacts[];
+  landmarks?: Landmark[];
   /** Of its file; empty for a map of a notebook. */
   name: string;
   sources: { source: string | null; scans: number | null }[];
@@ -41,6 +51,7 @@ interface CommonFacts {
   /** Where the corner between cells -1 and 0 lies, and how axes are turned about it [rad]. */
   corner: [number, number];
   yaw: number;
+  /** How many are known; 0: there is no map, only landmarks. */
   cells: number;
   bytes: 1 | 2 | 4;
   unit: number;

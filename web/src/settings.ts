@@ -24,6 +24,8 @@ export interface Settings {
   clampHigh: number;
   betaA: number;
   betaB: number;
+  /** Whether they are shown. */
+  landmarks: boolean;
   /** What the colour of a voxel says. */
   paint: "height" | "probability" | "hits" | "reflection" | "interval-width";
   /** Which voxels are drawn, those that are not occupied as points: also free, or also undecided ones. */
@@ -81,6 +83,7 @@ export function settingsOf(facts: Facts): Settings {
     clampHigh: 0.971,
     betaA: 1,
     betaB: 1,
+    landmarks: true,
     paint: "height",
     voxels: "occupied",
     opacity: 0.05,

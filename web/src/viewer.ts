@@ -8,6 +8,7 @@ import { Frames, pixelsOf, untilClosed } from "./frames";
 import { sheetOf, sheetsOf, type Sheets } from "./given";
 import { headingOf, isDark } from "./heading";
 import { listen } from "./input";
+import { describeLandmark, LandmarkLayer } from "./landmarks";
 import { panelOf } from "./panel";
 import type { Payload, PlaneFacts, SpaceFacts } from "./payload";
 import { placeOf } from "./place";
@@ -37,6 +38,7 @@ export class Viewer {
   private readonly position = element("div", { class: "position" });
   private readonly bar = element("div", { class: "scale-bar" });
   private readonly frame = element("div", { class: "frame", "aria-hidden": true, hidden: true });
+  private readonly landmarks: LandmarkLayer;
   private readonly panel;
   private pointer: readonly [number, number] | null = null;
   private byKeys = false;
@@ -49,7 +51,8 @@ export class Viewer {
     private readonly pyramids: Sheets<Pyramid>,
   ) {
     this.store = new Store(settingsOf(facts));
-    this.camera = new Camera({ lo: facts.lo, hi: facts.hi });
+    this.landmarks = new LandmarkLayer(facts);
+    this.camera = new Camera(this.landmarks.around(facts.lo, facts.hi));
     this.panel = panelOf(facts, this.store);
     const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
     if (!gl) {
@@ -58,7 +61,7 @@ export class Viewer {
     }
     this.layers = this.layersOn(gl);
     root.replaceChildren(
-      element("div", { class: "map" }, this.canvas, this.frame,
+      element("div", { class: "map" }, this.canvas, ...(this.landmarks.isEmpty ? [] : [this.landmarks.canvas]), this.frame,
         element("div", { class: "readout" }, this.position, this.words), this.bar),
       element("div", { class: "side" }, headingOf(root, facts, () => this.changed(), this.ending.signal), this.panel.root),
     );
@@ -164,9 +167,13 @@ export class Viewer {
     this.bar.style.width = `${length / inPixel}px`;
     const at = this.byKeys ? ([camera.width / 2, camera.height / 2] as const) : this.pointer;
     this.words.setAttribute("aria-live", this.byKeys ? "polite" : "off");
+    const { landmarks } = this.store.value;
+    const mark = at && landmarks ? this.landmarks.at(camera, ratio, ...at) : null;
+    this.landmarks.canvas.hidden = !landmarks;
+    if (landmarks && !this.landmarks.isEmpty) this.landmarks.draw(camera, ratio, isDark(this.root), mark);
     if (!at) {
       this.position.textContent = "";
-      this.words.replaceChildren("Point at a cell to see what is known of it.");
+      this.words.replaceChildren(`Point at a ${facts.cells === 0 ? "landmark" : "cell"} to see what is known of it.`);
       this.frame.hidden = true;
       return;
     }
@@ -174,7 +181,9 @@ export class Viewer {
     const [east, north] = placeOf(facts, x, y);
     this.position.textContent = `x ${metres(east, facts.resolution)} m, y ${metres(north, facts.resolution)} m`;
     const cell = this.cellAt(x, y);
-    this.words.replaceChildren(...describe(facts, this.store.value, cell).map((line) => element("div", {}, line)));
+    const lines = facts.cells === 0 ? [] : describe(facts, this.store.value, cell);
+    if (mark) lines.push(...describeLandmark(facts, mark));
+    this.words.replaceChildren(...lines.map((line) => element("div", {}, line)));
     this.frameAround(cell, ratio);
   }
 
@@ -190,7 +199,7 @@ export class Viewer {
   private frameAround(cell: Cell, ratio: number): void {
     const { camera } = this;
     const side = cell.factor / camera.scale / ratio;
-    this.frame.hidden = side < FRAMED_FROM;
+    this.frame.hidden = side < FRAMED_FROM || this.facts.cells === 0;
     if (this.frame.hidden) return;
     const left = ((cell.x * cell.factor - camera.x) / camera.scale + camera.width / 2) / ratio;
     const below = (((cell.y + 1) * cell.factor - camera.y) / camera.scale - camera.height / 2) / ratio;

@@ -22,6 +22,8 @@ HELP = """Look at a map in the browser, and tune the sensor model on it.
   oddsmap view sonar.zarr --with sonar-full.zarr
                                           the full map as another posterior
   oddsmap view old.yaml                   a ROS map; also OctoMaps
+  oddsmap view yard.zarr --landmarks trees.csv
+                                          landmarks on top; also alone
 
 A 3D map is shown as its occupied voxels, to turn and to fly through.
 Where the map has hits and passes the page works out every posterior itself:
@@ -36,7 +38,8 @@ def view(
         Path,
         typer.Argument(
             metavar="MAP",
-            help="A saved map or a full map (.zarr), an OctoMap (.bt, .ot) or a ROS map (.yaml).",
+            help="A saved map or a full map (.zarr), an OctoMap (.bt, .ot), a ROS map (.yaml), or "
+            "landmarks (.csv, .json).",
         ),
     ],
     beside: Annotated[
@@ -46,6 +49,14 @@ def view(
             metavar="MAP",
             help="A map of probabilities of the same cells, such as a full map, to be chosen as "
             "another posterior; may be repeated.",
+        ),
+    ] = None,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            "--landmarks",
+            metavar="FILE",
+            help="Landmarks to be drawn on a 2D map: the .csv or .json of oddsmap landmarks.",
         ),
     ] = None,
     output: Annotated[
@@ -81,10 +92,10 @@ def view(
             raise ConfigError("--port and --no-browser say how a map is served, -o writes a file")
         check_suffix(output, (".html", ".htm"), "a page has a name that ends in .html")
     beside = list(beside or ())
-    check_files([source, *beside], output, force=force)
+    check_files([source, *beside, landmarks], output, force=force)
     name = source.name or source.resolve().name  # "." has none of its own
     with working(f"reading {name}", quiet=voice.still):
-        payload = page_of(source, beside, voice)
+        payload = page_of(source, beside, landmarks, voice)
     if output is None:
         _serve(name, payload, port, browser, voice)
     else:

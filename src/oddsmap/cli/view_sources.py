@@ -14,34 +14,60 @@ if TYPE_CHECKING:
 
 __all__ = ["page_of"]
 
+# What `oddsmap landmarks` writes.
+_LANDMARKS = (".csv", ".json")
 
-def page_of(source: Path, beside: Sequence[Path], voice: Voice) -> bytes:
+
+def page_of(source: Path, beside: Sequence[Path], landmarks: Path | None, voice: Voice) -> bytes:
     """The payload of the page.
 
     Args:
-        source: a saved map, a full map, an OctoMap, or the YAML of a ROS map.
-        beside: maps of probabilities of the same cells: of these kinds but the first.
+        source: a saved map, a full map, an OctoMap, the YAML of a ROS map, or landmarks.
+        beside: maps of probabilities of the same cells: the second to the fourth of these kinds.
+        landmarks: to be drawn on a 2D map; None: none are.
         voice: says what is doubtful about a ROS map.
 
     Raises:
         OddsmapError: one is none of these, has counts and is to lie beside, or lies on other cells.
     """
+    from oddsmap.errors import ConfigError
+    from oddsmap.landmarks.reported import read_landmarks
     from oddsmap.viewer.given import given_of
     from oddsmap.viewer.given_sheets import given_payload
+    from oddsmap.viewer.landmarks import landmark_facts, landmarks_payload
     from oddsmap.viewer.plane import plane_payload
     from oddsmap.viewer.space import space_payload
 
     name = _name(source)
+    if source.suffix.lower() in _LANDMARKS and source.is_file():
+        if beside or landmarks is not None:
+            raise ConfigError(
+                f"{source}: landmarks lie on top of a map: oddsmap view MAP --landmarks {source}"
+            )
+        return landmarks_payload(read_landmarks(source), name)
+    more = {} if landmarks is None else {"landmarks": landmark_facts(read_landmarks(landmarks))}
     first = _without_counts(source, voice)
     others = [_beside(path, voice) for path in beside]
     if first is not None:
         given = given_of(first, name)
+        _check_plane(given.ndim, landmarks)
         free = given.thresholds.free
-        return given_payload([given, *_given(others, beside, free)])
+        return given_payload([given, *_given(others, beside, free)], **more)
     grid = _with_counts(source)
+    _check_plane(grid.ndim, landmarks)
     free = grid.config.posterior.thresholds.free
     payload = plane_payload if grid.ndim == 2 else space_payload
-    return payload(grid, name, _given(others, beside, free))
+    return payload(grid, name, _given(others, beside, free), **more)
+
+
+def _check_plane(ndim: int, landmarks: Path | None) -> None:
+    from oddsmap.errors import ConfigError
+
+    if ndim == 3 and landmarks is not None:
+        raise ConfigError(
+            f"--landmarks {landmarks}: landmarks are drawn on 2D maps, this one is 3D; show them "
+            f"alone (oddsmap view {landmarks})"
+        )
 
 
 def _given(maps: Sequence[GivenMap], paths: Sequence[Path], free: float) -> list[Any]:
