@@ -5,6 +5,8 @@ import { type Colour, spacePalette } from "./colours";
 import { element } from "./dom";
 import { Frames, pixelsOf } from "./frames";
 import { headingOf, isDark } from "./heading";
+import type { Host, LogView } from "./log_view";
+import type { Eye } from "./overlay";
 import { panelOf } from "./panel";
 import type { SpaceFacts } from "./payload";
 import { settingsOf, Store } from "./settings";
@@ -19,7 +21,9 @@ const NIGHT: Colour = [15, 20, 26];
 /** Voxels are counted once nothing has been changed for so long [ms]. */
 const COUNTED_AFTER = 80;
 
-export class SpaceViewer {
+export class SpaceViewer implements Host {
+  afterDraw: (() => void) | null = null;
+  log: LogView | null = null;
   readonly camera: SpaceCamera;
   readonly store: Store;
   /** How many voxels are occupied and inside the clip box; null: they are being counted. */
@@ -36,7 +40,7 @@ export class SpaceViewer {
   private counting: ReturnType<typeof setTimeout> | undefined;
 
   constructor(
-    private readonly root: HTMLElement,
+    readonly root: HTMLElement,
     readonly facts: SpaceFacts,
     readonly voxels: Voxels,
   ) {
@@ -74,6 +78,27 @@ export class SpaceViewer {
     return this.layer.stats;
   }
 
+  redraw(): void {
+    this.frames.schedule();
+  }
+
+  eye(): Eye {
+    const { camera, canvas, facts: { resolution, lo } } = this;
+    const from = camera.eye();
+    const [right, up, back] = camera.axes();
+    return {
+      width: canvas.width, height: canvas.height, ratio: canvas.width / Math.max(canvas.clientWidth, 1),
+      focal: camera.focal, near: 0.1,
+      see(x, y, z) {
+        const [a, b, c] = [x / resolution - lo[0] - from[0], y / resolution - lo[1] - from[1], z / resolution - lo[2] - from[2]];
+        return [
+          right[0] * a + right[1] * b + right[2] * c, up[0] * a + up[1] * b + up[2] * c,
+          -(back[0] * a + back[1] * b + back[2] * c),
+        ];
+      },
+    };
+  }
+
   private changed(): void {
     this.panel.update(spacePalette(isDark(this.root)));
     this.occupied = null;
@@ -101,5 +126,6 @@ export class SpaceViewer {
   private draw(): void {
     const dark = isDark(this.root);
     this.layer.draw(this.camera, this.store.value, spacePalette(dark), dark ? NIGHT : DAY);
+    this.afterDraw?.();
   }
 }
