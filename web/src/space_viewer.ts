@@ -7,6 +7,8 @@ import { element } from "./dom";
 import { Frames, pixelsOf, untilClosed } from "./frames";
 import { COUNTS, givenOf, sheetOf, type Sheets } from "./given";
 import { headingOf, isDark } from "./heading";
+import type { Host, LogView } from "./log_view";
+import type { Eye } from "./overlay";
 import { panelOf } from "./panel";
 import type { Payload, SpaceFacts } from "./payload";
 import { lengthInWords, roundLength } from "./scale_bar";
@@ -26,7 +28,11 @@ const COUNTED_AFTER = 80;
 const BESIDE = [2, 4];
 const SCALE_BAR = 190;
 
-export class SpaceViewer {
+export class SpaceViewer implements Host {
+  /** What is drawn above the map, and what is asked about it, where its log is there. */
+  afterDraw: (() => void) | null = null;
+  asked: ((cell: readonly number[]) => void) | null = null;
+  log: LogView | null = null;
   readonly camera: SpaceCamera;
   readonly store: Store;
   /** How many voxels are occupied and inside the clip box; null: they are being counted. */
@@ -60,7 +66,7 @@ export class SpaceViewer {
   readonly facts: SpaceFacts;
 
   constructor(
-    private readonly root: HTMLElement,
+    readonly root: HTMLElement,
     private readonly payload: Payload<SpaceFacts>,
     private readonly sheets: Sheets<Voxels>,
   ) {
@@ -89,7 +95,9 @@ export class SpaceViewer {
       keyed: () => this.pointed(this.pointer, true),
       clicked: (at) => {
         const found = this.nearest(...(at ?? this.middle()));
-        if (found) for (const listener of this.listeners) listener(found.index);
+        if (!found) return;
+        this.asked?.(found.index);
+        for (const listener of this.listeners) listener(found.index);
       },
     });
     this.canvas.addEventListener("blur", () => this.pointed(this.pointer, false));
@@ -175,6 +183,27 @@ export class SpaceViewer {
     return [this.camera.width / 2, this.camera.height / 2];
   }
 
+  redraw(): void {
+    this.frames.schedule();
+  }
+
+  eye(): Eye {
+    const { camera, canvas, facts: { resolution, lo } } = this;
+    const from = camera.eye();
+    const [right, up, back] = camera.axes();
+    return {
+      width: canvas.width, height: canvas.height, ratio: canvas.width / Math.max(canvas.clientWidth, 1),
+      focal: camera.focal, near: 0.1,
+      see(x, y, z) {
+        const [a, b, c] = [x / resolution - lo[0] - from[0], y / resolution - lo[1] - from[1], z / resolution - lo[2] - from[2]];
+        return [
+          right[0] * a + right[1] * b + right[2] * c, up[0] * a + up[1] * b + up[2] * c,
+          -(back[0] * a + back[1] * b + back[2] * c),
+        ];
+      },
+    };
+  }
+
   private changed(): void {
     this.panel.update(this.palettes().voxels);
     if (!this.isUnpacking) this.unpacked = this.unpack();
@@ -241,6 +270,7 @@ export class SpaceViewer {
     this.bar.textContent = `${lengthInWords(length)} (middle)`;
     this.bar.style.width = `${length / inPixel}px`;
     this.describe();
+    this.afterDraw?.();
   }
 
   /** Say what is pointed at, and frame it: nothing is drawn anew for that. */

@@ -5,21 +5,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from oddsmap.cli.voice import Voice
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.viewer.given import GivenMap
 
-__all__ = ["page_of"]
+__all__ = ["LANDMARKS", "Page", "counts_page", "page_of"]
 
-# What `oddsmap landmarks` writes.
-_LANDMARKS = (".csv", ".json")
+LANDMARKS = (".csv", ".json")
+"""What `oddsmap landmarks` writes, by its suffix."""
 
 
-def page_of(source: Path, beside: Sequence[Path], landmarks: Path | None, voice: Voice) -> bytes:
-    """The payload of the page.
+class Page(NamedTuple):
+    """What a page is given."""
+
+    payload: bytes
+    grid: EvidenceMap | None
+    """The map with counts that it shows; None: it shows none."""
+
+
+def page_of(source: Path, beside: Sequence[Path], landmarks: Path | None, voice: Voice) -> Page:
+    """The page of a file.
 
     Args:
         source: a saved map, a full map, an OctoMap, the YAML of a ROS map, or landmarks.
@@ -34,48 +42,59 @@ def page_of(source: Path, beside: Sequence[Path], landmarks: Path | None, voice:
     from oddsmap.landmarks.reported import read_landmarks
     from oddsmap.viewer.given import given_of
     from oddsmap.viewer.given_sheets import given_payload
-    from oddsmap.viewer.landmarks import landmark_facts, landmarks_payload
-    from oddsmap.viewer.plane import plane_payload
-    from oddsmap.viewer.space import space_payload
+    from oddsmap.viewer.landmarks import landmarks_payload
 
     name = _name(source)
-    if source.suffix.lower() in _LANDMARKS and source.is_file():
+    if source.suffix.lower() in LANDMARKS and source.is_file():
         if beside or landmarks is not None:
             raise ConfigError(
                 f"{source}: landmarks lie on top of a map: oddsmap view MAP --landmarks {source}"
             )
-        return landmarks_payload(read_landmarks(source), name)
-    more = {} if landmarks is None else {"landmarks": landmark_facts(read_landmarks(landmarks))}
+        return Page(landmarks_payload(read_landmarks(source), name), None)
     first = _without_counts(source, voice)
-    others = [_beside(path, voice) for path in beside]
-    if first is not None:
-        given = given_of(first, name)
-        _check_plane(given.ndim, landmarks)
-        free = given.thresholds.free
-        return given_payload([given, *_given(others, beside, free)], **more)
-    grid = _with_counts(source)
-    _check_plane(grid.ndim, landmarks)
-    free = grid.config.posterior.thresholds.free
+    if first is None:
+        return counts_page(_with_counts(source), name, beside, landmarks, voice)
+    given = given_of(first, name)
+    on_top = _on_top(given.ndim, landmarks)
+    others = _given(beside, given.thresholds.free, voice)
+    return Page(given_payload([given, *others], **on_top), None)
+
+
+def counts_page(
+    grid: EvidenceMap, name: str, beside: Sequence[Path], landmarks: Path | None, voice: Voice
+) -> Page:
+    """The page of a map with counts; arguments and errors as in `page_of`."""
+    from oddsmap.viewer.plane import plane_payload
+    from oddsmap.viewer.space import space_payload
+
+    on_top = _on_top(grid.ndim, landmarks)
+    others = _given(beside, grid.config.posterior.thresholds.free, voice)
     payload = plane_payload if grid.ndim == 2 else space_payload
-    return payload(grid, name, _given(others, beside, free), **more)
+    return Page(payload(grid, name, others, **on_top), grid)
 
 
-def _check_plane(ndim: int, landmarks: Path | None) -> None:
+def _on_top(ndim: int, landmarks: Path | None) -> dict[str, Any]:
+    """Landmarks as facts of the page."""
     from oddsmap.errors import ConfigError
+    from oddsmap.landmarks.reported import read_landmarks
+    from oddsmap.viewer.landmarks import landmark_facts
 
-    if ndim == 3 and landmarks is not None:
+    if landmarks is None:
+        return {}
+    if ndim == 3:
         raise ConfigError(
             f"--landmarks {landmarks}: landmarks are drawn on 2D maps, this one is 3D; show them "
             f"alone (oddsmap view {landmarks})"
         )
+    return {"landmarks": landmark_facts(read_landmarks(landmarks))}
 
 
-def _given(maps: Sequence[GivenMap], paths: Sequence[Path], free: float) -> list[Any]:
+def _given(paths: Sequence[Path], free: float, voice: Voice) -> list[Any]:
+    """Maps that lie beside another one, whose lowest threshold is `free`."""
     from oddsmap.viewer.given import given_of
 
     # Voxels up to the page's lowest threshold, which is the first map's, never show.
-    named = zip(maps, map(_name, paths), strict=True)
-    return [given_of(view, name, above=free) for view, name in named]
+    return [given_of(_beside(path, voice), _name(path), above=free) for path in paths]
 
 
 def _name(path: Path) -> str:

@@ -21,7 +21,7 @@ from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.integrate.add import ndim_of
 from oddsmap.integrate.forgetting import numbered
-from oddsmap.integrate.mapped_again import entries_of, ways_of
+from oddsmap.integrate.mapped_again import Way, entries_of, ways_of
 from oddsmap.integrate.threads import WorkerPool
 from oddsmap.integrate.toy_map import compile_kernels
 from oddsmap.kernels.units import ONE
@@ -35,9 +35,9 @@ from oddsmap.scans.scan_part import part_of
 from oddsmap.scans.split_log import is_held
 from oddsmap.sensors.registry import Sensor
 from oddsmap.short_repr import short_repr
-from oddsmap.witnesses.reach import beams_near
+from oddsmap.witnesses.reach import beams_near, rays_of
 
-__all__ = ["Explanation", "ScanVote", "why"]
+__all__ = ["Explanation", "ScanVote", "sensor_models", "why"]
 
 # Cells that votes leave beside the one in question are forgotten from time to time.
 _TILES = 4096
@@ -60,6 +60,8 @@ class ScanVote:
         beam_hits: what each says of the cell alone [votes], shape (k,). With votes "scan" the scan
             says it once: its hits, if any, and otherwise its passes.
         beam_passes: likewise.
+        starts: where each beam starts in the map frame [m], shape (k, d).
+        directions: unit vectors along each in the map frame, shape (k, d).
     """
 
     index: int
@@ -71,6 +73,8 @@ class ScanVote:
     ranges: FloatArray
     beam_hits: FloatArray
     beam_passes: FloatArray
+    starts: FloatArray
+    directions: FloatArray
 
     __repr__ = short_repr
 
@@ -201,6 +205,7 @@ class _Trial:
         if not isinstance(scan, Scan | DepthScan) or self._method == "projective":
             said = self._said(scan, cell)
             beams, ranges, each = np.empty(0, np.int64), np.empty(0), np.empty((0, 2))
+            starts = directions = np.empty((0, len(centre)))
         else:
             whole = scan.to_scan() if isinstance(scan, DepthScan) else scan
             beams = beams_near(whole, centre, self._map.resolution, self._sensor)
@@ -214,11 +219,12 @@ class _Trial:
             speaks = each.any(axis=1)
             beams, each = beams[speaks], each[speaks]
             ranges = whole.ranges[beams]
+            starts, directions = rays_of(whole, beams)
         if not said.any():
             return None
         return ScanVote(
             index, scan.stamp_ns, scan.sensor_id, float(said[0]), float(said[1]), beams, ranges,
-            each[:, 0], each[:, 1],
+            each[:, 0], each[:, 1], starts, directions,
         )  # fmt: skip
 
     def _ask(
@@ -250,16 +256,40 @@ class _Trial:
         return np.asarray((np.concatenate(tiles.at(cell)) - before) / ONE)
 
 
+def sensor_models(grid: Evidence, log: Log) -> dict[str, Sensor]:
+    """By which sensor model a map took the scans of a log.
+
+    Args:
+        grid: the map.
+        log: what it was made of.
+
+    Returns:
+        For each sensor of the log its model; "" for scans of a sensor that is not named.
+    """
+    models: dict[str, Sensor] = {}
+    for way, names in _ways(grid, log, entries_of(grid, log)):
+        models.setdefault("", way.sensor)
+        models |= dict.fromkeys(names, way.sensor)
+    return models
+
+
 def _trials(grid: Evidence, log: Any, entries: list[dict[str, Any]]) -> dict[str, _Trial]:
     """For each sensor of a log the map to try its scans in; "" for those that are not named."""
-    parts = parts_of(log)
     trials: dict[str, _Trial] = {}
-    for part, way in zip(parts, ways_of(grid, parts, entries), strict=True):
+    for way, names in _ways(grid, log, entries):
         trial = _Trial(grid, way.sensor, way.method)
         trials.setdefault("", trial)
-        for sensor_id in getattr(part, "sensors", ()):
-            trials[sensor_id] = trial
+        trials |= dict.fromkeys(names, trial)
     return trials
+
+
+def _ways(
+    grid: Evidence, log: Any, entries: list[dict[str, Any]]
+) -> Iterator[tuple[Way, tuple[str, ...]]]:
+    """How each part of a log was mapped, and the sensors that the part is of."""
+    parts = parts_of(log)
+    for part, way in zip(parts, ways_of(grid, parts, entries), strict=True):
+        yield way, tuple(getattr(part, "sensors", ()))
 
 
 def _mapped(
