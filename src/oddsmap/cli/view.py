@@ -22,6 +22,7 @@ HELP = """Look at a map in the browser, and tune the sensor model on it.
 \b
   oddsmap view intel.zarr                 serves it to this machine, opens it
   oddsmap view intel.zarr -o intel.html   one file that needs no network
+  oddsmap view intel.zarr --foxglove      in Foxglove (oddsmap[foxglove])
 
 A 3D map is shown as its occupied voxels, to turn and to fly through.
 The map has hits and passes, so the page works out every posterior itself: its
@@ -52,12 +53,21 @@ def view(
             "--port", metavar="N", min=1, max=65535, help="Where to serve; by default any free one."
         ),
     ] = None,
+    foxglove: Annotated[
+        bool,
+        typer.Option(
+            "--foxglove",
+            help="Serve a map of any kind to Foxglove, as a Grid or a VoxelGrid; at port 8765, if "
+            "--port names no other.",
+        ),
+    ] = False,
     force: Annotated[bool, force_option("an existing file")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Look at a map in the browser: see `HELP`."""
     from oddsmap.cli.files import check_files, check_suffix
+    from oddsmap.cli.view_foxglove import serve_to_foxglove
     from oddsmap.errors import ConfigError
     from oddsmap.viewer.plane import plane_payload
     from oddsmap.viewer.space import space_payload
@@ -67,7 +77,12 @@ def view(
         if port is not None or not browser:
             raise ConfigError("--port and --no-browser say how a map is served, -o writes a file")
         check_suffix(output, (".html", ".htm"), "a page has a name that ends in .html")
+        if foxglove:
+            raise ConfigError("--foxglove serves a map, -o writes a file: leave one of them out")
     check_files([source], output, force=force)
+    if foxglove:
+        serve_to_foxglove(source, port, voice)
+        return
     name = source.name or source.resolve().name  # "." has none of its own
     with working(f"reading {name}", quiet=voice.still):
         grid = _opened(source)
