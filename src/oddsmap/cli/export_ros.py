@@ -82,8 +82,8 @@ def _cells_alone(
     view: Source, space: Belief | VoxelMap | None, options: Options, limits: Thresholds
 ) -> _Made:
     """The one Grid or VoxelGrid that has all of a map."""
-    from oddsmap.errors import ConfigError, InputError
-    from oddsmap.map_files.grid_messages import MOST_GRID_CELLS, cell_grid, has_cell_grid
+    from oddsmap.errors import ConfigError
+    from oddsmap.map_files.grid_messages import grid_messages
     from oddsmap.map_files.voxel_messages import voxel_messages
 
     for name in ("mode", "shift"):
@@ -100,13 +100,7 @@ def _cells_alone(
             "2D map"
         )
     plane, notes = plane_of(view, options)
-    if not has_cell_grid(plane):
-        raise InputError(
-            f"a map of {plane.shape[1]} x {plane.shape[0]} cells, and a Grid lists "
-            f"{MOST_GRID_CELLS:,} at most: make it of a coarser map, crop it, or leave --format "
-            "foxglove out, for an OccupancyGrid"
-        )
-    return lambda messages: iter([cell_grid(plane, messages)]), notes
+    return grid_messages(plane), notes
 
 
 def _grids(view: Source, options: Options, limits: Thresholds) -> _Made:

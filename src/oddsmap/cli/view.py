@@ -32,6 +32,7 @@ HELP = """Look at a map in the browser, and tune the sensor model on it.
   oddsmap view old.yaml                   a ROS map; also OctoMaps
   oddsmap view yard.zarr --landmarks trees.csv
                                           landmarks on top; also alone
+  oddsmap view intel.zarr --foxglove      in Foxglove (oddsmap[foxglove])
 
 A 3D map is shown as its occupied voxels, to turn and to fly through.
 Where the map has hits and passes the page works out every posterior itself:
@@ -101,12 +102,21 @@ def view(
             "--port", metavar="N", min=1, max=65535, help="Where to serve; by default any free one."
         ),
     ] = None,
+    foxglove: Annotated[
+        bool,
+        typer.Option(
+            "--foxglove",
+            help="Serve a map of any kind to Foxglove, as a Grid or a VoxelGrid; at port 8765, if "
+            "--port names no other.",
+        ),
+    ] = False,
     force: Annotated[bool, force_option("an existing file")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Look at a map in the browser: see `HELP`."""
     from oddsmap.cli.files import check_files, check_logs, check_suffix
+    from oddsmap.cli.view_foxglove import serve_to_foxglove
     from oddsmap.cli.view_sources import counts_page, page_of
     from oddsmap.errors import ConfigError
     from oddsmap.viewer.questions import LogQuestions
@@ -117,11 +127,18 @@ def view(
         if port is not None or not browser:
             raise ConfigError("--port and --no-browser say how a map is served, -o writes a file")
         check_suffix(output, (".html", ".htm"), "a page has a name that ends in .html")
+        if foxglove:
+            raise ConfigError("--foxglove serves a map, -o writes a file: leave one of them out")
     if log is not None:
         check_logs([log])
     beside = list(beside or ())
     files = [source, log, *beside, landmarks, *log_options.files(log or source)]
     check_files(files, output, force=force)
+    if foxglove:
+        if log is not None or beside or landmarks is not None:
+            raise ConfigError("--foxglove serves one map alone: leave out the log and other maps")
+        serve_to_foxglove(source, port, voice)
+        return
     alone = log is None and not is_map(source)
     if resolution is not None and not alone:
         raise ConfigError("--resolution is for a log given alone: a map has its own")

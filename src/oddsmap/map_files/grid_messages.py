@@ -22,7 +22,7 @@ from oddsmap.errors import InputError
 from oddsmap.limits import memory_limit
 from oddsmap.map_files.fields import Plane, PlanePart
 from oddsmap.map_files.plane import windows
-from oddsmap.map_files.ros_messages import RosMessages, TopicMessage
+from oddsmap.map_files.ros_messages import MapMessages, RosMessages, TopicMessage
 from oddsmap.map_files.ros_reader import RosMode
 from oddsmap.odds import State, Thresholds
 
@@ -31,6 +31,7 @@ __all__ = [
     "cell_grid",
     "cell_type",
     "check_plane_size",
+    "grid_messages",
     "has_cell_grid",
     "occupancy_grid",
     "occupancy_values",
@@ -142,7 +143,7 @@ def occupancy_grid(
     return TopicMessage("/map", "nav_msgs/msg/OccupancyGrid", message)
 
 
-def cell_grid(plane: Plane, messages: RosMessages) -> TopicMessage:
+def cell_grid(plane: Plane, messages: MapMessages) -> TopicMessage:
     """A map as a `foxglove_msgs/Grid` on /map_cells: probability, hits, passes, and a colour.
 
     The probability is NaN in unknown cells, which are transparent. hits and passes are left out
@@ -162,6 +163,21 @@ def cell_grid(plane: Plane, messages: RosMessages) -> TopicMessage:
     return TopicMessage("/map_cells", "foxglove_msgs/msg/Grid", message)
 
 
+def grid_messages(plane: Plane) -> Callable[[MapMessages], Iterator[TopicMessage]]:
+    """What makes the Grid of a 2D map alone: see `cell_grid`.
+
+    Raises:
+        InputError: it has too many cells.
+    """
+    if not has_cell_grid(plane):
+        raise InputError(
+            f"a map of {plane.shape[1]} x {plane.shape[0]} cells, and a Grid lists "
+            f"{MOST_GRID_CELLS:,} at most: make it of a coarser map or crop it, or export an .mcap "
+            "without --format foxglove, which has an OccupancyGrid"
+        )
+    return lambda messages: iter([cell_grid(plane, messages)])
+
+
 def cell_type(has_counts: bool) -> np.dtype[np.void]:
     """The fields of a cell of a Grid or VoxelGrid, one after the other."""
     counts = ("hits", "passes")
@@ -169,7 +185,7 @@ def cell_type(has_counts: bool) -> np.dtype[np.void]:
     return np.dtype([(name, _CELL[name]) for name in kept])
 
 
-def packed_fields(kind: np.dtype[np.void], messages: RosMessages) -> list[Any]:
+def packed_fields(kind: np.dtype[np.void], messages: MapMessages) -> list[Any]:
     """The same as `foxglove_msgs/PackedElementField`s."""
     names = kind.names or ()
     sizes = [kind[name].itemsize for name in names]
@@ -193,7 +209,7 @@ def _fill(cells: npt.NDArray[np.void], part: PlanePart) -> None:
     cells["alpha"] = np.where(seen, 255, 0)
 
 
-def _pose(plane: Plane, messages: RosMessages) -> Any:
+def _pose(plane: Plane, messages: MapMessages) -> Any:
     x, y = plane.origin
     turn = math.sin(plane.yaw / 2), math.cos(plane.yaw / 2)
     place = messages.make("geometry_msgs/Point", x, y, 0.0)

@@ -7,11 +7,11 @@ Source: the definitions of std_msgs, nav_msgs, sensor_msgs, octomap_msgs and fox
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from oddsmap.errors import ConfigError, InputError
 
-__all__ = ["MapHeader", "RosMessages", "TopicMessage", "check_data", "check_header"]
+__all__ = ["MapHeader", "MapMessages", "RosMessages", "TopicMessage", "check_data", "check_header"]
 
 # What rosbags does not bring along.
 _OCTOMAP = "std_msgs/Header header\nbool binary\nstring id\nfloat64 resolution\nint8[] data\n"
@@ -64,6 +64,23 @@ class TopicMessage(NamedTuple):
     topic: str
     type: str
     message: Any
+
+
+class MapMessages(Protocol):
+    """What makes messages of a map: by ROS's names of their types, whatever they become."""
+
+    @property
+    def frame(self) -> str:
+        """The frame of the map."""
+        ...
+
+    def make(self, kind: str, *values: Any) -> Any:
+        """A message of a type such as foxglove_msgs/Grid, its fields in order."""
+        ...
+
+    def stamp(self) -> Any:
+        """The time of the map."""
+        ...
 
 
 def check_header(header: MapHeader) -> None:

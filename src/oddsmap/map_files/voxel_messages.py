@@ -15,7 +15,7 @@ from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
 from oddsmap.map_files.fields import CellPoints, PointPart
 from oddsmap.map_files.grid_messages import MOST_GRID_CELLS, cell_type, packed_fields
-from oddsmap.map_files.ros_messages import RosMessages, TopicMessage
+from oddsmap.map_files.ros_messages import MapMessages, TopicMessage
 from oddsmap.odds import Thresholds
 
 __all__ = ["voxel_messages"]
@@ -23,7 +23,7 @@ __all__ = ["voxel_messages"]
 
 def voxel_messages(
     cells: CellPoints, *, thresholds: Thresholds
-) -> Callable[[RosMessages], Iterator[TopicMessage]]:
+) -> Callable[[MapMessages], Iterator[TopicMessage]]:
     """What makes the VoxelGrid of a 3D map, on /map_voxels.
 
     The fields of a cell are those of a `foxglove_msgs/Grid`, see
@@ -45,11 +45,11 @@ def voxel_messages(
     if count > MOST_GRID_CELLS:
         raise InputError(
             f"a box of {shape[2]} x {shape[1]} x {shape[0]} cells, and a VoxelGrid lists all of "
-            f"them, {MOST_GRID_CELLS:,} at most: make it of a coarser map, crop it, or leave "
-            "--format foxglove out, for OctoMaps and points"
+            f"them, {MOST_GRID_CELLS:,} at most: make it of a coarser map or crop it, or "
+            "export an .mcap without --format foxglove, which has OctoMaps and points"
         )
 
-    def make(messages: RosMessages) -> Iterator[TopicMessage]:
+    def make(messages: MapMessages) -> Iterator[TopicMessage]:
         grid = np.zeros(count, cell_type(cells.has_counts))
         grid["probability"] = np.nan
         for part in cells.points(0.0):
