@@ -6,8 +6,9 @@
 Printed for each map: bytes of the file's data over those of the saved map, CPU seconds to make the
 file; then what the browser takes, in software if there is no graphics card: seconds until the map
 can be used, seconds from a slider to the new picture (the median of five), milliseconds of the
-page's own program in a frame. "noise" is 4000 x 4000 cells, which hardly compress; "sheets" is
-3 million voxels with hits, under as many of air.
+page's own program in a frame. "noise" is 4000 x 4000 cells, which hardly compress, once as counts
+and once as a full map; "sheets" is 3 million voxels with hits, under as many of air, once more as
+an OctoMap. Of maps without counts a threshold is moved instead of p_hit.
 """
 
 from __future__ import annotations
@@ -25,9 +26,13 @@ import numpy as np
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
-from oddsmap import EvidenceMap, build_map, open_log
+from oddsmap import EvidenceMap, FullMap, VoxelMap, build_full_map, build_map, open_log
+from oddsmap.config.config import Config, MapConfig
 from oddsmap.kernels.units import ONE
+from oddsmap.limits import TILE_SIDE
 from oddsmap.viewer.document import page_part, single_page
+from oddsmap.viewer.given import given_of
+from oddsmap.viewer.given_sheets import given_payload
 from oddsmap.viewer.plane import plane_payload
 from oddsmap.viewer.space import space_payload
 from oddsmap.viewer.text import text_of
@@ -63,14 +68,49 @@ def sheets() -> EvidenceMap:
     return grid
 
 
-def maps(data: Path) -> Iterator[tuple[str, EvidenceMap]]:
+def full_noise() -> FullMap:
+    """No two cells with one probability."""
+    rng, side = np.random.default_rng(0), TILE_SIDE[2]
+    first = np.arange(SIDE // side)
+    blocks = np.stack(np.meshgrid(first, first), axis=-1).reshape(-1, 2).astype(np.int64)
+    values = rng.normal(-2, 3, (len(blocks), side * side)).astype(np.float32)
+    marks = np.full(values.shape, 2, np.uint8)
+    config = Config(map=MapConfig(resolution=0.05))
+    return FullMap(config, blocks, values, marks, sweeps=1, residual=0.0)
+
+
+Shown = EvidenceMap | FullMap | VoxelMap
+
+
+def save(grid: Shown, folder: Path, name: str) -> Path:
+    """A map as it is kept, and where."""
+    if isinstance(grid, VoxelMap):
+        grid.save_octomap(folder / f"{name}.ot")
+        return folder / f"{name}.ot"
+    grid.save(folder / f"{name}.zarr")
+    return folder / f"{name}.zarr"
+
+
+def payload_of(grid: Shown, name: str) -> bytes:
+    """What the page gets."""
+    if isinstance(grid, EvidenceMap):
+        return (plane_payload if grid.ndim == 2 else space_payload)(grid, name)
+    return given_payload([given_of(grid, name)])
+
+
+def maps(data: Path) -> Iterator[tuple[str, Shown]]:
     """Real logs at 0.05 m, and made-up maps."""
     for name in LOGS:
         yield name, build_map(open_log(data / "laser2d" / f"{name}.log.gz"), 0.05)
+    log = open_log(data / "laser2d" / f"{LOGS[0]}.log.gz")
+    yield f"{LOGS[0]}-full", build_full_map(log, 0.1)
     yield "noise", noise()
+    yield "noise-full", full_noise()
     hall = open_log(data / "lidar3d" / "hall_os0")
     yield "hall", build_map(hall, 0.1)
-    yield "sheets", sheets()
+    grid = sheets()
+    yield "sheets", grid
+    yield "sheets-octomap", grid.log_odds().to_voxels()
 
 
 def main() -> None:
@@ -82,11 +122,11 @@ def main() -> None:
     print(f"code {code / 1e3:.0f} kB")
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         for name, grid in maps(data):
-            saved, page = Path(folder) / f"{name}.zarr", Path(folder) / f"{name}.html"
-            grid.save(saved)
-            size = sum(file.stat().st_size for file in saved.rglob("*") if file.is_file())
+            saved, page = save(grid, Path(folder), name), Path(folder) / f"{name}.html"
+            files = [file for file in (saved, *saved.rglob("*")) if file.is_file()]
+            size = sum(file.stat().st_size for file in files)
             begun = time.process_time()
-            payload = (plane_payload if grid.ndim == 2 else space_payload)(grid, saved.name)
+            payload = payload_of(grid, saved.name)
             page.write_text(single_page(saved.name, payload), encoding="utf-8")
             spent, share = time.process_time() - begun, len(text_of(payload)) / size
             print(f"{name}: {share:.2f} of the saved map, {spent:.2f} s of CPU to write")
@@ -97,7 +137,7 @@ def main() -> None:
                 moved, frames = [], []
                 for p_hit in (0.75, 0.8, 0.85, 0.9, 0.95):
                     begun = time.perf_counter()
-                    found.set(pHit=p_hit)
+                    found.set(pHit=p_hit, colours="states", occupied=p_hit)
                     found.words()
                     frames.append(found.get("oddsmap.frameTime"))
                     found.page.screenshot()

@@ -337,6 +337,30 @@ def test_why_nothing_is_shown(
         context.close()
 
 
+@pytest.mark.parametrize("size", [(900, 640), (380, 700)])
+def test_nothing_covers_the_map(
+    browser: Browser, office: tuple[EvidenceMap, Path], size: tuple[int, int]
+) -> None:
+    """What is said stands below it, also what is longest: of a cell with hits and passes."""
+    url = file_url(office[1] / "office.html")
+    viewport = {"width": size[0], "height": size[1]}
+    with opened(browser, url, offline=True, viewport=viewport) as found:
+        found.page.locator("canvas").focus()
+        found.look_at(some(office[0])[2])
+        found.page.keyboard.press("+")
+        assert "95 % interval" in found.words()
+        canvas, readout = (
+            found.page.locator(f".{name}").bounding_box() for name in ("map > canvas", "readout")
+        )
+        assert canvas is not None
+        assert readout is not None
+        assert canvas["height"] > 200
+        assert canvas["y"] + canvas["height"] <= readout["y"] + 1
+        colours = found.page.get_by_role("button", name="Colours: auto")
+        colours.click()
+        assert found.page.get_by_role("button", name="Colours: light").is_visible()
+
+
 @pytest.mark.parametrize(("scheme", "width"), [("light", 900), ("dark", 380)])
 def test_axe_finds_nothing(
     browser: Browser, office: tuple[EvidenceMap, Path], scheme: str, width: int

@@ -21,12 +21,11 @@ export function headingOf(root: HTMLElement, facts: Facts, changed: () => void, 
   const marks = count(facts.landmarks?.length ?? 0);
   if (facts.landmarks && facts.cells > 0) beside.push(`${marks} landmarks`);
   const theme = element("button", { type: "button", class: "theme" });
-  const named = { auto: "Colours as the system has them", light: "Light", dark: "Dark" };
   const next = { auto: "light", light: "dark", dark: "auto" } as const;
-  const apply = (value: keyof typeof named): void => {
+  const apply = (value: keyof typeof next): void => {
     root.dataset.theme = value;
-    theme.textContent = { auto: "Auto", light: "Light", dark: "Dark" }[value];
-    theme.setAttribute("aria-label", `${theme.textContent}: ${named[value]}. Change`);
+    theme.textContent = `Colours: ${value}`;
+    theme.title = "auto: as the system has them";
     theme.onclick = () => apply(next[value]);
     changed();
   };

@@ -69,7 +69,7 @@ export class Viewer implements Host {
     this.layers = this.layersOn(gl);
     root.replaceChildren(
       element("div", { class: "map" }, this.canvas, ...(this.landmarks.isEmpty ? [] : [this.landmarks.canvas]), this.frame,
-        element("div", { class: "readout" }, this.position, this.words), this.bar),
+        element("div", { class: "readout" }, element("div", { class: "where" }, this.position, this.bar), this.words)),
       element("div", { class: "side" }, headingOf(root, facts, () => this.changed(), this.ending.signal), this.panel.root),
     );
     this.listen(gl);

@@ -88,8 +88,11 @@ def _add_plane(
     place = given.cells // TILE
     first = place.min(axis=0)
     check_span(place.max(axis=0) - first + 1, given.resolution, given.name, _REMEDY)
-    columns = int(place[:, 0].max() - first[0]) + 1
-    number, tile = np.unique((place - first) @ np.array([1, columns]), return_inverse=True)
+    columns, rows = (place.max(axis=0) - first + 1).tolist()
+    flat = (place - first) @ np.array([1, columns])
+    there = np.zeros(columns * rows, np.bool_)
+    there[flat] = True
+    number, tile = np.flatnonzero(there), (np.cumsum(there) - 1)[flat]
     within = given.cells - place * TILE
     cells = np.zeros((len(number), TILE, TILE), f"u{size}")
     cells[tile, within[:, 1], within[:, 0]] = codes

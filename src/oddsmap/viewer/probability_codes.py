@@ -27,6 +27,7 @@ _FIRST, _LAST = -_SLOPE * _LARGEST, 1.0 + _SLOPE * _LARGEST
 # A listed value takes 8 bytes: no more than half a byte for each cell.
 _CELLS_A_VALUE = 16
 _FEW_VALUES = 255
+_GLANCE = 1 << 18
 
 
 class ProbabilityCodes(NamedTuple):
@@ -44,12 +45,21 @@ def codes_of(probability: FloatArray) -> ProbabilityCodes:
     Args:
         probability: from 0 to 1, shape (n,).
     """
-    values, codes = np.unique(probability, return_inverse=True)
-    count = len(values)
-    if count <= _FEW_VALUES or (count <= _PLACES and _CELLS_A_VALUE * count <= len(codes)):
-        return ProbabilityCodes((codes + 1).astype(np.min_scalar_type(count)), values)
+    values = _repeated(probability)
+    if values is not None:
+        codes = np.searchsorted(values, probability) + 1
+        return ProbabilityCodes(codes.astype(np.min_scalar_type(len(values))), values)
     with np.errstate(divide="ignore"):
-        log_odds = np.clip(logit(values), -_LARGEST, _LARGEST)
-    place = (values + _SLOPE * log_odds - _FIRST) * ((_PLACES - 1) / (_LAST - _FIRST))
+        log_odds = np.clip(logit(probability), -_LARGEST, _LARGEST)
+    place = (probability + _SLOPE * log_odds - _FIRST) * ((_PLACES - 1) / (_LAST - _FIRST))
     nearest = np.clip(np.rint(place), 0, _PLACES - 1) + 1
-    return ProbabilityCodes(nearest.astype(np.uint16)[codes], None)
+    return ProbabilityCodes(nearest.astype(np.uint16), None)
+
+
+def _repeated(probability: FloatArray) -> FloatArray | None:
+    """The different values, in order, if they are few enough to be listed."""
+    most = max(_FEW_VALUES, min(_PLACES, len(probability) // _CELLS_A_VALUE))
+    if len(np.unique(probability[:_GLANCE])) > most:
+        return None
+    values = np.unique(probability)
+    return values if len(values) <= most else None
