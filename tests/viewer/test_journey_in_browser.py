@@ -16,6 +16,7 @@ import pytest
 
 import oddsmap
 from oddsmap import BeamSensor, EvidenceMap, build_map, open_log
+from oddsmap.kernels.units import ONE
 from oddsmap.simulate import Lidar2D, Lidar3D, drive3d, office_drive, office_plan, town
 from oddsmap.viewer.document import single_page
 from oddsmap.viewer.journey import read_journey
@@ -71,7 +72,7 @@ def serving(grid: EvidenceMap, log: Any) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def served(browser: Browser, office: tuple[EvidenceMap, Any]) -> Iterator[Opened]:
-    size = {"width": 640, "height": 400}
+    size = {"width": 640, "height": 600}
     with serving(*office) as url, opened(browser, url, viewport=size) as found:
         yield found
         assert found.complaints == []
@@ -310,10 +311,18 @@ def test_axe_finds_nothing(
         assert found.complaints == []
 
 
-def test_a_log_in_space(browser: Browser, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def in_space() -> tuple[EvidenceMap, Any]:
+    """The simulated town: its map and its log."""
     world, lidar, rng = town(), Lidar3D(), np.random.default_rng(0)
     log = log_of([lidar.scan(world, pose, rng) for pose in drive3d(6, ground=world.ground)])
-    grid = build_map(log, 0.4)
+    return build_map(log, 0.4), log
+
+
+def test_a_log_in_space(
+    browser: Browser, in_space: tuple[EvidenceMap, Any], tmp_path: Path
+) -> None:
+    grid, log = in_space
     path = tmp_path / "town.html"
     journey = journey_of(grid, log, served=False, beams=101)
     path.write_text(single_page("town", space_payload(grid, "town.zarr"), journey), "utf-8")
@@ -332,6 +341,27 @@ def test_a_log_in_space(browser: Browser, tmp_path: Path) -> None:
         for end, returned in zip(ends, beams["returned"], strict=True):
             if returned:
                 assert np.linalg.norm(points - end, axis=1).min() < 0.02
+        assert found.complaints == []
+
+
+def test_why_a_voxel_is_so(browser: Browser, in_space: tuple[EvidenceMap, Any]) -> None:
+    grid, log = in_space
+    with serving(grid, log) as url, opened(browser, url) as found:
+        # The column of a voxel with hits comes to the middle, seen from above.
+        index, hits, _ = grid.cells()
+        top = index[np.argmax(index[:, 2] + 1000 * (hits > 3 * ONE))]
+        target = [float(x) + 0.5 for x in top - found.get("oddsmap.facts.lo")]
+        found.get("(oddsmap.camera.fit(0, 1.5), Object.assign(oddsmap.camera, view))",
+            view={"target": target, "distance": 40})  # fmt: skip
+        found.page.locator(".map canvas").first.focus()
+        found.page.keyboard.press("Enter")
+        found.page.wait_for_selector(".votes button")
+        cell = found.get("oddsmap.log.why.answer.cell")
+        assert cell[:2] == top[:2].tolist()
+        want = oddsmap.why(grid, log, grid.centre_of([cell])[0])
+        scans = found.get("oddsmap.log.why.answer.scans.map(({ index }) => index)")
+        assert scans == [vote.index for vote in want.scans] != []
+        assert f"{len(scans)} of 6 scans voted" in found.page.locator(".answer").inner_text()
         assert found.complaints == []
 
 

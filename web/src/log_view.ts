@@ -17,8 +17,8 @@ export interface Host {
   redraw(): void;
   /** Called with each picture of the map. */
   afterDraw: (() => void) | null;
-  /** Called with the cell that somebody asks about; undefined: none can be pointed at. */
-  asked?: ((cell: readonly number[]) => void) | null;
+  /** Called with the cell that somebody asks about. */
+  asked: ((cell: readonly number[]) => void) | null;
 }
 
 interface Ink {
@@ -53,23 +53,20 @@ export class LogView {
     const { resolution } = facts;
     this.ways = journey.ways.map((scans) => ({ scans, points: pointsOf(journey, scans) }));
     this.bar = new TimeBar(journey, resolution, () => this.changed());
-    const asks = host.asked !== undefined;
-    this.why = new Why(journey, resolution, asks
-      ? "Click a cell, or press Enter on the map for the one in its middle, to learn which scans voted on it."
-      : `In a terminal: ${[...journey.facts.why, "X Y Z", ...journey.facts.options].join(" ")}`,
+    const cell = facts.kind === "space" ? "voxel" : "cell";
+    this.why = new Why(journey, resolution,
+      `Click a ${cell}, or press Enter on the map for the one in its middle, to learn which scans voted on it.`,
       (scan) => (this.bar.scan = scan), () => host.redraw());
     const map = root.querySelector(".map")!;
     const stage = element("div", { class: "stage" });
     map.replaceWith(stage);
     stage.append(map, this.bar.root);
-    map.querySelector("canvas")!.after(this.overlay.canvas);
+    const canvas = map.querySelector("canvas")!;
+    canvas.after(this.overlay.canvas);
     root.querySelector(".side header")!.after(...this.built(), this.why.root);
     host.afterDraw = () => this.draw();
-    if (asks) {
-      host.asked = (cell) => void this.why.ask(cell);
-      const canvas = map.querySelector("canvas")!;
-      canvas.setAttribute("aria-label", `${canvas.getAttribute("aria-label")} Enter asks which scans voted on it.`);
-    }
+    host.asked = (index) => void this.why.ask(index);
+    canvas.setAttribute("aria-label", `${canvas.getAttribute("aria-label")} Enter asks which scans voted on it.`);
     this.changed();
   }
 
@@ -135,7 +132,7 @@ export class LogView {
     if (bar.showsBeams && this.beams) {
       const { starts, ends, returned } = this.beams;
       // Many lines side by side are a face.
-      const opacity = Math.min(0.5, Math.max(0.2, 60 / returned.length));
+      const opacity = Math.min(0.5, Math.max(0.25, 60 / returned.length));
       overlay.lines(starts, ends, (i) => !returned[i], { colour: ink.beam, width: 1, opacity: opacity / 2, dashed: true });
       overlay.lines(starts, ends, (i) => !!returned[i], { colour: ink.beam, width: 1, opacity });
       overlay.dots(ends, (i) => !!returned[i], 2, ink.beam);
@@ -156,7 +153,7 @@ export class LogView {
       let driven = 0;
       while (driven < scans.length && scans[driven]! <= bar.scan) driven++;
       const stroke = { colour: ink.way, width: 2, casing: ink.edge };
-      overlay.way(points.subarray(3 * Math.max(driven - 1, 0)), { ...stroke, width: 1.5, opacity: 0.4 });
+      overlay.way(points.subarray(3 * Math.max(driven - 1, 0)), { colour: ink.way, width: 1.5, opacity: 0.5 });
       overlay.way(points.subarray(0, 3 * driven), stroke);
       for (const [word, from] of [["end", points.length - 3], ["start", 0]] as const) {
         const at = overlay.screen(points[from]!, points[from + 1]!, points[from + 2]!);

@@ -121,7 +121,7 @@ export class Why {
 
   private summary(answer: Answer): (string | Node)[] {
     const lines: (string | Node)[] = [
-      `Cell ${answer.cell.map((i) => short(i, 15)).join(", ")}, its middle at ${this.place(answer.centre)}.`,
+      `${this.journey.facts.axes === 3 ? "Voxel" : "Cell"} ${answer.cell.map((i) => short(i, 15)).join(", ")}, its middle at ${this.place(answer.centre)}.`,
       `The map has ${votes(answer.map_hits, answer.map_passes)} there.`,
       answer.voted === 0 ? `None of ${count(answer.looked_at)} scans voted on it.`
         : `${count(answer.voted)} of ${count(answer.looked_at)} scans voted: ${votes(answer.hits, answer.passes)}`
