@@ -173,7 +173,7 @@ export class SpaceViewer {
         if (height !== (this.slice?.height ?? null)) {
           this.slice = height === null ? null : await sliceOf(payload, this.voxels, height);
           this.layer.showSlice(this.slice);
-          this.picking.showSlice(this.slice);
+          this.picking.slice = this.slice;
         } else if (this.store.value.voxels !== "occupied" && !this.air && facts.air && airOf(facts) <= MOST_DRAWN) {
           this.air = await wholeAir(payload);
           this.layer.showAir(this.air);
