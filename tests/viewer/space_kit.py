@@ -41,11 +41,11 @@ def page_of(grid: EvidenceMap, folder: Path) -> str:
 def first_on_ray(
     eye: npt.NDArray[np.float64], ray: npt.NDArray[np.float64], voxels: npt.NDArray[np.int64]
 ) -> int | None:
-    """Which of some voxels (n, 3) a ray from an eye meets first, in voxels; None: it meets none."""
+    """Which of some voxels (n, 3) a ray enters first, in voxels; None: it enters none."""
     with np.errstate(divide="ignore", invalid="ignore"):
         faces = np.stack([(voxels - eye) / ray, (voxels + 1 - eye) / ray])
     enter, leave = faces.min(axis=0).max(axis=1), faces.max(axis=0).min(axis=1)
-    enter[(enter > leave) | (leave < 0)] = np.inf
+    enter[(enter > leave) | (enter < 0)] = np.inf
     nearest = int(enter.argmin())
     return nearest if np.isfinite(enter[nearest]) else None
 

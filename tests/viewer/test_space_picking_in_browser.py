@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from oddsmap import Calibrated, LogOdds
 
 Voxel = tuple[int, int, int]
+VIRIDIS = np.array(
+    [(68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128),
+     (94, 201, 98), (173, 220, 48), (253, 231, 37)]
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -81,19 +85,50 @@ def test_the_first_drawn_voxel_on_the_ray(
     pixels = [(float(x), float(y)) for x, y in rng.uniform(0.25, 0.75, (60, 2)) * [width, height]]
     met = 0
     for pixel, got in zip(pixels, picks(shown, pixels), strict=True):
-        eye, ray = ray_of(shown, *pixel)
-        # What is too near is not drawn.
-        ahead = ray_of(shown, width / 2, height / 2)[1]
-        far = (place + 0.5 - eye) @ ahead - np.abs(ahead).sum() / 2 >= 0.1
-        number = first_on_ray(eye, ray, place[far])
+        number = first_on_ray(*ray_of(shown, *pixel), place)
         if number is None:
             assert got is None
             continue
         met += 1
         assert got is not None
-        assert got["index"] == index[far][number].tolist()
-        assert got["hits"] == hits[far][number] / ONE
+        assert got["index"] == index[number].tolist()
+        assert got["hits"] == hits[number] / ONE
     assert met > 15
+
+
+NEAR_A_WALL = "{{ target: [1.5, 15.5, 6.5], distance: {}, yaw: {}, pitch: 0.2 }}"
+
+
+@pytest.mark.parametrize(
+    "look",
+    ["fit()", "fit(-2.4, -0.6)", "move(0, 0, 56)"]
+    + [
+        f"fit(), Object.assign(oddsmap.camera, {NEAR_A_WALL.format(distance, yaw)})"
+        for distance, yaw in ((2.2, 3.1), (0.8, 2.2), (0.3, 3.1))
+    ],
+)
+def test_what_is_pointed_at_is_what_is_drawn(shown: Opened, room: EvidenceMap, look: str) -> None:
+    """From afar, and flying through: near voxels are neither cut off nor lost."""
+    shown.get(f"(oddsmap.camera.{look}, oddsmap.store.set({{}}))")
+    lowest, highest = (room.cells()[0][:, 2].min(), room.cells()[0][:, 2].max())
+    shown.words()
+    image = np.array(Image.open(io.BytesIO(shown.page.locator("canvas").screenshot())))[..., :3]
+    background = (232, 237, 242)
+    pixels = [(x, y) for x in range(9, 590, 29) for y in range(9, 500, 21)]
+    wrong = 0
+    for (x, y), got in zip(
+        pixels, picks(shown, [(x + 0.5, y + 0.5) for x, y in pixels]), strict=True
+    ):
+        seen = image[y, x].astype(float)
+        if got is None:
+            wrong += seen.tolist() != list(background)
+            continue
+        share = (got["index"][2] - lowest) / (highest - lowest)
+        colour = np.array([np.interp(8 * share, np.arange(9), VIRIDIS[:, i]) for i in range(3)])
+        # Faces have shades, and edges are darker.
+        shade = (seen @ colour) / (colour @ colour)
+        wrong += not (0.3 < shade < 1.02 and np.abs(seen - shade * colour).max() < 3)
+    assert wrong <= 0.01 * len(pixels)
 
 
 def point_at(found: Opened, voxel: Voxel, first: np.ndarray) -> tuple[float, float]:
@@ -154,12 +189,6 @@ def test_what_is_said_is_what_python_says(shown: Opened, room: EvidenceMap) -> N
     shown.page.mouse.move(x + 600, y)
     assert "Point at a voxel" in said(shown)[1]
     assert not edges.get_attribute("d")
-
-
-VIRIDIS = np.array(
-    [(68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128),
-     (94, 201, 98), (173, 220, 48), (253, 231, 37)]
-)  # fmt: skip
 
 
 @pytest.mark.parametrize(

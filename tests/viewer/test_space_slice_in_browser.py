@@ -80,13 +80,20 @@ def grid_pixels(found: Opened) -> list[tuple[int, int]]:
     ]
 
 
-@pytest.mark.parametrize("posterior", ["log-odds", "calibrated"])
+@pytest.mark.parametrize(
+    ("posterior", "look"),
+    [
+        ("log-odds", "fit(0.3, 1.2)"),
+        ("calibrated", "fit(0.3, 1.2)"),
+        ("log-odds", "fit(), Object.assign(oddsmap.camera, { target: [9, 9, 7], distance: 1.5 })"),
+    ],
+)
 def test_a_slice_shows_and_says_every_state(
-    shown: Opened, room: EvidenceMap, posterior: str
+    shown: Opened, room: EvidenceMap, posterior: str, look: str
 ) -> None:
     height = 0.8
     set_and_unpack(shown, sliced=True, sliceAt=height, posterior=posterior, free=0.3, occupied=0.7)
-    shown.get("(oddsmap.camera.fit(0.3, 1.2), oddsmap.store.set({}))")
+    shown.get(f"(oddsmap.camera.{look}, oddsmap.store.set({{}}))")
     image = picture(shown)
     index, hits, passes = room.cells()
     cells = {tuple(at): (h / ONE, p / ONE) for at, h, p in zip(index.tolist(), hits, passes)}  # noqa: B905
@@ -112,7 +119,7 @@ def test_a_slice_shows_and_says_every_state(
         if np.abs(at[:2] - cell[:2] - 0.5).max() < 0.3:  # away from the lines between cells
             assert image[y, x].tolist() == pytest.approx(STATES[state], abs=2)
             met[state] += 1
-    assert all(met.values()), met
+    assert all(met.values()) if look == "fit(0.3, 1.2)" else sum(met.values()) > 50, met
 
 
 def test_a_slice_cuts_what_lies_above(shown: Opened, room: EvidenceMap) -> None:

@@ -3,6 +3,7 @@
 // and unpacked when they are asked for.
 
 import type { Counts, Payload, SpaceFacts } from "./payload";
+import { VoxelBlocks } from "./voxel_blocks";
 import { countsFor, type Points, type Voxels, votesOf } from "./voxels";
 
 /** Free space is drawn where it has no more voxels: each takes 10 bytes and more. */
@@ -42,7 +43,7 @@ export interface Slice extends Points {
   readonly height: number;
   /** Hits and passes of each [votes]. */
   readonly votes: Float64Array;
-  readonly box: Voxels["box"];
+  readonly blocks: VoxelBlocks;
 }
 
 export async function sliceOf(payload: Payload<SpaceFacts>, voxels: Voxels, height: number): Promise<Slice> {
@@ -62,10 +63,13 @@ export async function sliceOf(payload: Payload<SpaceFacts>, voxels: Voxels, heig
       votes.push(0, passes * facts.unit);
     });
   }
+  const points = { count: votes.length / 2, places: new Uint16Array(places) };
+  const box = {
+    lo: [0, 0, height], hi: [facts.hi[0] - facts.lo[0], facts.hi[1] - facts.lo[1], height + 1],
+  };
   return {
-    height, count: votes.length / 2, places: new Uint16Array(places), votes: new Float64Array(votes),
-    counts: new Float32Array(votes), unit: 1,
-    box: { lo: [0, 0, height], hi: [facts.hi[0] - facts.lo[0], facts.hi[1] - facts.lo[1], height + 1] },
+    ...points, height, votes: new Float64Array(votes), counts: new Float32Array(votes), unit: 1,
+    blocks: new VoxelBlocks(points, box),
   };
 }
 

@@ -10,16 +10,32 @@ import { PosteriorTables } from "./posterior_shader";
 import { showsAir, type Settings } from "./settings";
 import type { SpaceCamera } from "./space_camera";
 import { DRAWS, GROUND_FRAGMENT, GROUND_VERTEX, PAINTS, SPACE_FRAGMENT, SPACE_VERTEX } from "./space_shader";
+import type { VoxelBlocks } from "./voxel_blocks";
 import { type Clip, clipOf, drawnIn, type Points, type Voxels } from "./voxels";
 
 /** Nothing nearer than this is drawn [voxels]. */
 export const NEAREST = 0.1;
+
+/** Voxels so near are drawn by their faces where no point would do, see the shader. */
+const NEAR = 16;
+const MOST_NEAR = 64;
+/** Vertices of three faces. */
+const FACES = 18;
 
 /** Points on the graphics card. */
 interface Cloud {
   readonly points: Points;
   readonly array: WebGLVertexArrayObject;
   readonly buffers: readonly WebGLBuffer[];
+}
+
+/** Points of which those near the eye are on the graphics card once more. */
+interface Solid {
+  readonly cloud: Cloud;
+  readonly blocks: VoxelBlocks;
+  near: Cloud | null;
+  /** Around which voxel, and how far. */
+  around: string;
 }
 
 export class SpaceLayer {
@@ -29,10 +45,10 @@ export class SpaceLayer {
   private readonly ground: Program;
   private readonly tables: PosteriorTables;
   private readonly largestPoint: number;
-  private readonly voxels: Cloud;
+  private readonly voxels: Solid;
   private readonly mostHits: number;
   private air: Cloud | null = null;
-  private slice: { readonly cloud: Cloud; readonly height: number } | null = null;
+  private slice: (Solid & { readonly height: number }) | null = null;
 
   constructor(
     private readonly gl: WebGL2RenderingContext,
@@ -46,18 +62,22 @@ export class SpaceLayer {
     this.program = compile(gl, SPACE_VERTEX, SPACE_FRAGMENT);
     this.ground = compile(gl, GROUND_VERTEX, GROUND_FRAGMENT);
     this.tables = new PosteriorTables(gl, facts, (bytes) => (this.stats.uploaded += bytes));
-    this.voxels = this.upload(voxels);
+    this.voxels = this.solid(voxels);
+    this.check();
   }
 
   /** Voxels without hits, as points; null: none. */
   showAir(points: Points | null): void {
     this.forget(this.air);
     this.air = points && this.upload(points);
+    this.check();
   }
 
   showSlice(slice: Slice | null): void {
     this.forget(this.slice?.cloud ?? null);
-    this.slice = slice && { cloud: this.upload(slice), height: slice.height };
+    this.forget(this.slice?.near ?? null);
+    this.slice = slice && { ...this.solid(slice), height: slice.height };
+    this.check();
   }
 
   draw(camera: SpaceCamera, set: Settings, palettes: SpacePalettes): void {
@@ -72,14 +92,14 @@ export class SpaceLayer {
     gl.enable(gl.DEPTH_TEST);
     const clip = drawnIn(this.facts, set);
     this.useVoxels(camera, set, palettes.voxels, clip);
-    this.drawCloud(voxels, DRAWS.boxes);
-    this.stats.vertices = voxels.points.count;
+    this.drawSolid(voxels, camera, DRAWS.boxes);
+    this.stats.vertices = voxels.cloud.points.count;
     if (showsAir(set)) {
       gl.uniform2f(this.program.at("u_opacity"), set.opacity, set.voxels === "known" ? set.opacity : 0);
       gl.uniform3f(this.program.at("u_free"), ...palettes.free);
       gl.enable(gl.BLEND);
       gl.depthMask(false);
-      this.drawCloud(voxels, DRAWS.points);
+      this.drawCloud(voxels.cloud, DRAWS.points);
       if (this.air) this.drawCloud(this.air, DRAWS.points);
       gl.depthMask(true);
       gl.disable(gl.BLEND);
@@ -90,7 +110,7 @@ export class SpaceLayer {
 
   private drawSlice(camera: SpaceCamera, set: Settings, palettes: SpacePalettes): void {
     const { gl, ground } = this;
-    const { cloud, height } = this.slice!;
+    const { height } = this.slice!;
     const { lo, hi } = clipOf(this.facts, set);
     gl.useProgram(ground.handle);
     this.look(ground, camera);
@@ -101,16 +121,32 @@ export class SpaceLayer {
     this.stats.draws++;
     const clip = { lo: [lo[0]!, lo[1]!, height], hi: [hi[0]!, hi[1]!, height + 1] };
     this.useVoxels(camera, set, palettes.slice, clip);
-    this.drawCloud(cloud, DRAWS.slice);
+    this.drawSolid(this.slice!, camera, DRAWS.slice);
   }
 
-  private drawCloud({ points, array }: Cloud, what: number): void {
+  private drawSolid(solid: Solid, camera: SpaceCamera, what: number): void {
+    this.drawCloud(solid.cloud, what);
+    const eye = camera.eye();
+    const radius = Math.min(Math.max(Math.ceil((2 * camera.focal) / this.largestPoint), NEAR), MOST_NEAR);
+    const around = [...eye.map(Math.floor), radius].join();
+    if (around !== solid.around) {
+      solid.around = around;
+      this.forget(solid.near);
+      const numbers = solid.blocks.near(eye, radius);
+      solid.near = numbers.length === 0 ? null : this.upload(chosen(solid.cloud.points, numbers), 1);
+    }
+    if (solid.near) this.drawCloud(solid.near, what, true);
+  }
+
+  private drawCloud({ points, array }: Cloud, what: number, near = false): void {
     const { gl, program } = this;
     gl.bindVertexArray(array);
     gl.uniform1i(program.at("u_draw"), what);
+    gl.uniform1i(program.at("u_near"), near ? 1 : 0);
     gl.uniform3f(program.at("u_half"), 0.5, 0.5, what === DRAWS.slice ? 0 : 0.5);
     gl.uniform1f(program.at("u_unit"), points.unit);
-    gl.drawArrays(gl.POINTS, 0, points.count);
+    if (near) gl.drawArraysInstanced(gl.TRIANGLES, 0, FACES, points.count);
+    else gl.drawArrays(gl.POINTS, 0, points.count);
     this.stats.draws++;
   }
 
@@ -146,7 +182,12 @@ export class SpaceLayer {
     gl.uniform2f(program.at("u_range"), NEAREST, far);
   }
 
-  private upload(points: Points): Cloud {
+  private solid(points: Points & { readonly blocks: VoxelBlocks }): Solid {
+    return { cloud: this.upload(points), blocks: points.blocks, near: null, around: "" };
+  }
+
+  /** @param divisor 1 where each voxel has some vertices. */
+  private upload(points: Points, divisor = 0): Cloud {
     const { gl } = this;
     const array = gl.createVertexArray();
     gl.bindVertexArray(array);
@@ -154,6 +195,13 @@ export class SpaceLayer {
     const type = counts instanceof Uint8Array ? gl.UNSIGNED_BYTE
       : counts instanceof Uint16Array ? gl.UNSIGNED_SHORT : gl.FLOAT;
     const buffers = [this.attribute(0, 3, gl.UNSIGNED_SHORT, 8, places), this.attribute(1, 2, type, 0, counts)];
+    for (const at of [0, 1]) gl.vertexAttribDivisor(at, divisor);
+    return { points, array, buffers };
+  }
+
+  /** Not at each frame: the graphics card is waited for. */
+  private check(): void {
+    const { gl } = this;
     const error = gl.getError();
     if (error === gl.OUT_OF_MEMORY) {
       throw new Error("the graphics card has no room for this map: show a part of it (oddsmap crop)");
@@ -161,7 +209,6 @@ export class SpaceLayer {
     if (error !== gl.NO_ERROR && error !== gl.CONTEXT_LOST_WEBGL) {
       throw new Error(`the graphics card refuses the map (WebGL error ${error})`);
     }
-    return { points, array, buffers };
   }
 
   private forget(cloud: Cloud | null): void {
@@ -182,4 +229,15 @@ export class SpaceLayer {
     this.stats.uploaded += values.byteLength;
     return buffer;
   }
+}
+
+/** Some of the points. */
+function chosen(points: Points, numbers: readonly number[]): Points {
+  const places = new Uint16Array(4 * numbers.length);
+  const counts = points.counts.slice(0, 2 * numbers.length);
+  numbers.forEach((i, j) => {
+    places.set(points.places.subarray(4 * i, 4 * i + 4), 4 * j);
+    counts.set(points.counts.subarray(2 * i, 2 * i + 2), 2 * j);
+  });
+  return { count: numbers.length, places, counts, unit: points.unit };
 }

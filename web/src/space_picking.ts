@@ -6,7 +6,6 @@ import { valueOf } from "./posterior";
 import type { Settings } from "./settings";
 import type { SpaceCamera, Vector } from "./space_camera";
 import { NEAREST } from "./space_layer";
-import { VoxelBlocks } from "./voxel_blocks";
 import type { Slice } from "./air";
 import { type Clip, clipOf, drawnIn, isInside, type Voxels, votesOf } from "./voxels";
 
@@ -21,54 +20,39 @@ export interface Picked {
 }
 
 export class SpacePicking {
-  private readonly blocks: VoxelBlocks;
-  private slice: { readonly slice: Slice; readonly blocks: VoxelBlocks } | null = null;
+  /** Its cells are pointed at, too. */
+  slice: Slice | null = null;
 
-  constructor(private readonly facts: SpaceFacts, private readonly voxels: Voxels) {
-    this.blocks = new VoxelBlocks(voxels);
-  }
-
-  /** Cells of this slice are pointed at, too. */
-  showSlice(slice: Slice | null): void {
-    this.slice = slice && { slice, blocks: new VoxelBlocks(slice) };
-  }
+  constructor(private readonly facts: SpaceFacts, private readonly voxels: Voxels) {}
 
   /** The voxel that is drawn at a pixel, counted from the top left; null: there is none. */
   at(camera: SpaceCamera, set: Settings, x: number, y: number): Picked | null {
     const [eye, ray] = [camera.eye(), camera.rayAt(x, y)];
     const inSlice = (): Picked | null => this.inSlice(eye, ray, clipOf(this.facts, set));
-    const inFront = (): Picked | null => this.amongVoxels(camera, set, eye, ray);
+    const inFront = (): Picked | null => this.amongVoxels(set, eye, ray);
     // All voxels that are drawn lie below a slice.
-    return this.slice && eye[2] > this.slice.slice.height + 0.5 ? inSlice() ?? inFront() : inFront() ?? inSlice();
+    return this.slice && eye[2] > this.slice.height + 0.5 ? inSlice() ?? inFront() : inFront() ?? inSlice();
   }
 
   private inSlice(eye: Vector, ray: Vector, clip: Clip): Picked | null {
-    if (!this.slice) return null;
-    const { slice, blocks } = this.slice;
+    const { slice } = this;
+    if (!slice) return null;
     const far = (slice.height + 0.5 - eye[2]) / ray[2];
     if (!(far > NEAREST) || !Number.isFinite(far)) return null;
     const place = [Math.floor(eye[0] + far * ray[0]), Math.floor(eye[1] + far * ray[1]), slice.height] as Vector;
     if ([0, 1].some((axis) => place[axis]! < clip.lo[axis]! || place[axis]! >= clip.hi[axis]!)) return null;
-    const found = blocks.first([place[0] + 0.5, place[1] + 0.5, slice.height + 2], [0, 0, -1], () => true);
+    const found = slice.blocks.first([place[0] + 0.5, place[1] + 0.5, slice.height + 2], [0, 0, -1], () => true);
     const [hits, passes] = found === null ? [0, 0] : slice.votes.subarray(2 * found, 2 * found + 2);
     return this.picked(place, hits!, passes!);
   }
 
-  private amongVoxels(camera: SpaceCamera, set: Settings, eye: Vector, ray: Vector): Picked | null {
+  private amongVoxels(set: Settings, eye: Vector, ray: Vector): Picked | null {
     const { facts, voxels } = this;
     const clip = drawnIn(facts, set);
-    const back = camera.axes()[2];
-    const half = back.reduce((sum, b) => sum + Math.abs(b), 0) / 2;
-    const { places } = voxels;
-    const found = this.blocks.first(eye, ray, (i) => {
-      if (!isInside(clip, voxels, i)) return false;
-      // As it is drawn: not where a part of it is too near.
-      let depth = 0;
-      for (let axis = 0; axis < 3; axis++) depth += (eye[axis]! - places[4 * i + axis]! - 0.5) * back[axis]!;
-      return depth - half >= NEAREST && valueOf(facts, set, ...votesOf(voxels, i)) >= set.occupied;
-    });
+    const found = voxels.blocks.first(eye, ray, (i) =>
+      isInside(clip, voxels, i) && valueOf(facts, set, ...votesOf(voxels, i)) >= set.occupied);
     if (found === null) return null;
-    return this.picked([...places.subarray(4 * found, 4 * found + 3)] as Vector, ...votesOf(voxels, found));
+    return this.picked([...voxels.places.subarray(4 * found, 4 * found + 3)] as Vector, ...votesOf(voxels, found));
   }
 
   private picked(place: Vector, hits: number, passes: number): Picked {

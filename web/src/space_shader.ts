@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // One point for each voxel. The point covers the voxel's box on the screen, and each of its pixels
 // finds out where its ray meets that box: so a voxel costs one vertex, and its depth is exact. Cells of
-// a slice are boxes without a height. Free voxels are plain points.
+// a slice are boxes without a height. Free voxels are plain points. A point has a largest size, and goes
+// with its middle at the edge of the screen: near voxels of which that is true are drawn by their faces.
 
 import { STOPS } from "./colours";
 import { POSTERIOR } from "./posterior_shader";
@@ -27,6 +28,7 @@ uniform float u_largest;     // point that the graphics card draws
 uniform vec3 u_lo;           // the clip box: first voxel
 uniform vec3 u_hi;           // and one past the last
 uniform int u_draw;
+uniform bool u_near;         // near voxels, by their faces
 uniform vec2 u_opacity;       // of free voxels, and of others
 uniform vec3 u_half;         // half of a box
 uniform int u_paint;
@@ -58,11 +60,27 @@ void main() {
   float depth = -seen.z;
   // Half the box along each axis of the view.
   vec3 half_box = abs(u_view[0]) * u_half.x + abs(u_view[1]) * u_half.y + abs(u_view[2]) * u_half.z;
-  if (depth - half_box.z < u_range.x) return;
-  vec2 reach = (half_box.xy + half_box.z * abs(seen.xy) / depth) / (depth - half_box.z);
-  v_pixels = 2.0 * u_focal * max(reach.x, reach.y);
+  float nearest = depth - half_box.z;
+  if (nearest < u_range.x && !u_near) return;
+  vec2 reach = (half_box.xy + half_box.z * abs(seen.xy) / depth) / nearest;
+  v_pixels = nearest < u_range.x ? 1e6 : 2.0 * u_focal * max(reach.x, reach.y);
   gl_PointSize = clamp(v_pixels + 1.0, 1.0, u_largest);
-  gl_Position = vec4(2.0 * u_focal * seen.xy / u_screen, 0.0, depth);
+  vec4 position = vec4(2.0 * u_focal * seen.xy / u_screen, 0.0, depth);
+  if (u_near) {
+    if (v_pixels + 1.0 <= u_largest && all(lessThanEqual(abs(position.xy), vec2(depth)))) return; // a point
+    // Six vertices for the face along each axis that looks at the eye, if one does.
+    int axis = gl_VertexID / 6;
+    int at = gl_VertexID % 6;
+    int number = at < 3 ? at : at - 2;
+    if (abs(v_middle[axis]) <= u_half[axis]) return;
+    vec3 side = vec3(0.0);
+    side[axis] = -sign(v_middle[axis]);
+    side[(axis + 1) % 3] = float(number & 1) * 2.0 - 1.0;
+    side[(axis + 2) % 3] = float(number >> 1) * 2.0 - 1.0;
+    vec3 corner = u_view * (v_middle + side * u_half);
+    position = vec4(2.0 * u_focal * corner.xy / u_screen, 0.0, -corner.z);
+  }
+  gl_Position = position;
   if (u_draw == ${DRAWS.slice}) {
     v_colour = vec4(colour_of(value) / 255.0, 1.0);
     return;
@@ -91,6 +109,7 @@ flat in vec3 v_middle;
 flat in vec4 v_colour;
 flat in float v_pixels;
 uniform int u_draw;
+uniform bool u_near;
 uniform vec3 u_half;
 uniform mat3 u_view;
 uniform float u_focal;
@@ -118,7 +137,8 @@ void main() {
   float enter = max(max(nearer.x, nearer.y), nearer.z);
   float leave = min(min(farther.x, farther.y), farther.z);
   // A voxel that is hardly a pixel is drawn whole: a ray through the pixel's middle might miss it.
-  if (enter > leave && v_pixels > 1.5) discard;
+  // Faces cover what they should.
+  if (enter > leave && v_pixels > 1.5 && !u_near) discard;
   float depth = max(min(enter, leave), u_range.x);
   vec3 at = abs(ray * depth - v_middle);
   float largest = max(max(at.x, at.y), at.z);

@@ -228,7 +228,7 @@ export class SpaceViewer implements Host {
         if (height !== (this.slice?.height ?? null)) {
           this.slice = height === null ? null : await sliceOf(payload, this.sheets.get(COUNTS)!, height);
           this.layers.get(COUNTS)?.showSlice(this.slice);
-          this.pickings.get(COUNTS)?.showSlice(this.slice);
+          this.pickings.get(COUNTS)!.slice = this.slice;
         } else if (showsAir(this.store.value) && !this.air && facts.air && airOf(facts) <= MOST_DRAWN) {
           this.air = await wholeAir(payload);
           this.layers.get(COUNTS)?.showAir(this.air);

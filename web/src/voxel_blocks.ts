@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Which voxel a ray meets first. Voxels are listed by blocks of space, so that a ray looks only at
-// those of the blocks that it goes through.
+// Which voxel a ray meets first, and which are near. Voxels are listed by blocks of space, so that only
+// those of some blocks are looked at.
 
 import type { Vector } from "./space_camera";
-import type { Voxels } from "./voxels";
+import type { Clip, Points } from "./voxels";
 
 /** So many blocks at most; they are as small as that allows, but not smaller than 8 voxels. */
 const MOST_BLOCKS = 1 << 21;
@@ -17,8 +17,9 @@ export class VoxelBlocks {
   private readonly starts: Uint32Array;
   private readonly order: Uint32Array;
 
-  constructor(private readonly voxels: Pick<Voxels, "count" | "places" | "box">) {
-    const { count, places, box } = voxels;
+  /** @param box around all of them. */
+  constructor(private readonly points: Pick<Points, "count" | "places">, private readonly box: Clip) {
+    const { count, places } = points;
     const { lo, hi } = box;
     const acrossAt = (power: number): Vector =>
       lo.map((from, axis) => ((hi[axis]! - 1 - from) >> power) + 1) as Vector;
@@ -39,14 +40,14 @@ export class VoxelBlocks {
   }
 
   /**
-   * The number of the first voxel that a ray meets; null: it meets none.
+   * The number of the first voxel that a ray enters; null: it enters none.
    *
    * @param eye where the ray begins, in voxels from the first cell of the map.
    * @param ray its direction, of any length.
    * @param counts whether a voxel that it meets is one of those looked for.
    */
   first(eye: Vector, ray: Vector, counts: (voxel: number) => boolean): number | null {
-    const { lo, hi } = this.voxels.box;
+    const { lo, hi } = this.box;
     const way = ray.map((x) => (Math.abs(x) < 1e-12 ? 1e-12 : x)) as Vector;
     const side = 2 ** this.power;
     let from = 0;
@@ -77,7 +78,7 @@ export class VoxelBlocks {
   }
 
   private firstIn(block: number, eye: Vector, ray: Vector, counts: (voxel: number) => boolean): number | null {
-    const { places } = this.voxels;
+    const { places } = this.points;
     const [ex, ey, ez] = eye;
     const [rx, ry, rz] = ray;
     const [hx, hy, hz] = [0.5 / Math.abs(rx), 0.5 / Math.abs(ry), 0.5 / Math.abs(rz)];
@@ -90,9 +91,34 @@ export class VoxelBlocks {
       const z = (places[4 * i + 2]! + 0.5 - ez) / rz;
       const enter = Math.max(x - hx, y - hy, z - hz);
       const exit = Math.min(x + hx, y + hy, z + hz);
-      if (enter > exit || exit < 0 || enter >= best || !counts(i)) continue;
+      if (enter > exit || enter < 0 || enter >= best || !counts(i)) continue;
       best = enter;
       found = i;
+    }
+    return found;
+  }
+
+  /** The numbers of the voxels in a cube around the voxel that a place lies in. */
+  near(place: Vector, radius: number): number[] {
+    const { places } = this.points;
+    const [x0, y0, z0] = place.map((x) => Math.floor(x) - radius) as Vector;
+    const side = 2 * radius;
+    const [[bx, ex], [by, ey], [bz, ez]] = [x0, y0, z0].map((from, axis) => [
+      Math.max((from - this.box.lo[axis]!) >> this.power, 0),
+      Math.min((from + side - this.box.lo[axis]!) >> this.power, this.across[axis]! - 1),
+    ]) as [[number, number], [number, number], [number, number]];
+    const found: number[] = [];
+    if (bx > ex) return found;
+    for (let z = bz; z <= ez; z++) {
+      for (let y = by; y <= ey; y++) {
+        const row = (z * this.across[1] + y) * this.across[0];
+        // Blocks along x follow each other.
+        for (let j = this.starts[row + bx]!, end = this.starts[row + ex + 1]!; j < end; j++) {
+          const i = this.order[j]!;
+          const [dx, dy, dz] = [places[4 * i]! - x0, places[4 * i + 1]! - y0, places[4 * i + 2]! - z0];
+          if (dx >= 0 && dx <= side && dy >= 0 && dy <= side && dz >= 0 && dz <= side) found.push(i);
+        }
+      }
     }
     return found;
   }

@@ -4,6 +4,7 @@
 import type { Payload, SpaceFacts } from "./payload";
 import { valueOf } from "./posterior";
 import { isSliced, type Settings } from "./settings";
+import { VoxelBlocks } from "./voxel_blocks";
 
 /** Voxels as the graphics card gets them. */
 export interface Points {
@@ -26,6 +27,7 @@ export interface Voxels extends Points {
   readonly pairOf: Uint32Array;
   readonly times: Uint32Array;
   readonly mostHits: number;
+  readonly blocks: VoxelBlocks;
   /** The box around all of them. */
   readonly box: Clip;
 }
@@ -77,9 +79,10 @@ export async function voxelsOf(payload: Payload<SpaceFacts>): Promise<Voxels> {
   }
   let mostHits = 0;
   for (let i = 0; i < pairs.length; i += 2) mostHits = Math.max(mostHits, pairs[i]!);
+  const box = { lo, hi };
   return {
     count: n, places, counts, unit: facts.unit, pairs: Float64Array.from(pairs), pairOf,
-    times: Uint32Array.from(times), mostHits, box: { lo, hi },
+    times: Uint32Array.from(times), mostHits, blocks: new VoxelBlocks({ count: n, places }, box), box,
   };
 }
 
