@@ -19,6 +19,7 @@ export class SpaceLayer {
   readonly stats = { draws: 0, uploaded: 0, vertices: 0 };
   private readonly program: Program;
   private readonly tables: PosteriorTables;
+  private readonly arrays: WebGLVertexArrayObject;
   private readonly largestPoint: number;
 
   constructor(
@@ -28,7 +29,8 @@ export class SpaceLayer {
   ) {
     gl.disable(gl.DITHER);
     gl.enable(gl.DEPTH_TEST);
-    gl.bindVertexArray(gl.createVertexArray());
+    this.arrays = gl.createVertexArray();
+    gl.bindVertexArray(this.arrays);
     const type = voxels.counts instanceof Uint8Array ? gl.UNSIGNED_BYTE
       : voxels.counts instanceof Uint16Array ? gl.UNSIGNED_SHORT : gl.FLOAT;
     this.attribute(0, 3, gl.UNSIGNED_SHORT, 8, voxels.places);
@@ -52,6 +54,7 @@ export class SpaceLayer {
     gl.clearColor(red / 255, green / 255, blue / 255, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.useProgram(program.handle);
+    gl.bindVertexArray(this.arrays); // maps beside this one have their own
     this.tables.use(program, 0, set, palette);
     gl.uniform1f(program.at("u_unit"), voxels.unit);
     const eye = camera.eye();

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from oddsmap.cli.voice import Voice
     from oddsmap.evidence_map import EvidenceMap
-    from oddsmap.viewer.given import GivenMap
+    from oddsmap.viewer.given import Given, GivenMap
 
 __all__ = ["page_of"]
 
@@ -70,7 +70,7 @@ def _check_plane(ndim: int, landmarks: Path | None) -> None:
         )
 
 
-def _given(maps: Sequence[GivenMap], paths: Sequence[Path], free: float) -> list[Any]:
+def _given(maps: Sequence[GivenMap], paths: Sequence[Path], free: float) -> list[Given]:
     from oddsmap.viewer.given import given_of
 
     # Voxels up to the page's lowest threshold, which is the first map's, never show.
