@@ -172,6 +172,8 @@ def test_levels_keep_walls_and_average_what_is_free(browser: Browser, folder: Pa
 def test_a_map_that_is_turned(browser: Browser, folder: Path) -> None:
     with show(browser, folder, "turned") as found:
         check(found, ros())
+        header = found.page.locator("header").inner_text()
+        assert "along its own axes, which are turned by 28.6\u00b0" in header
         cell = (7, 21)
         found.look_at(cell)
         found.page.locator("canvas").first.focus()
@@ -220,11 +222,18 @@ def test_a_full_map_in_space_beside_counts(browser: Browser, folder: Path) -> No
     with show(browser, folder, "deep") as found:
         found.set(paint="probability")
         alone = picture(found)
+        lo, target, far = found.get(
+            "[oddsmap.facts.lo, oddsmap.camera.target, oddsmap.camera.distance]"
+        )
     with show(browser, folder, "space") as found:
         index, hits, _ = counts(3).cells()
         view = counts(3).log_odds()
         want = ((view.at((index + 0.5) * 0.1) >= 0.65) & (hits > 0)).sum()
         assert counted(found) == want
+        # The box is that of both; seen from the same place:
+        moved = np.array(target) + lo - found.get("oddsmap.facts.lo")
+        place = {"target": moved.tolist(), "distance": far}
+        found.get("Object.assign(oddsmap.camera, place)", place=place)
         found.set(paint="probability")
         assert differing(picture(found), alone) < 0.01, "each map has its own voxels"
         found.set(paint="hits")
@@ -246,10 +255,11 @@ def test_copied_commands_run(
     monkeypatch.chdir(tmp_path)
     states = {"colours": "states", "occupied": 0.8}
     commands = []
-    for name, settings in (("both", {}), ("both", states), ("old", states), ("yard", states)):
+    for name, settings in (("both", [{}, states]), ("old", [states]), ("yard", [states])):
         with show(browser, folder, name) as found:
-            found.set(posterior="given0", **settings)
-            commands.append(found.page.locator("code").inner_text())
+            for one in settings:
+                found.set(posterior="given0", **one)
+                commands.append(found.page.locator("code").inner_text())
     assert commands == [
         "oddsmap export full.zarr full.png",
         "oddsmap export full.zarr full.yaml --occupied 0.8",

@@ -13,12 +13,18 @@ import { SpaceCamera } from "./space_camera";
 import { listenInSpace } from "./space_input";
 import { SpaceLayer } from "./space_layer";
 import { count } from "./words";
-import { clipOf, occupiedIn, type Voxels } from "./voxels";
+import { type Clip, clipOf, occupiedIn, type Voxels } from "./voxels";
 
 const DAY: Colour = [232, 237, 242];
 const NIGHT: Colour = [15, 20, 26];
 /** Voxels are counted once nothing has been changed for so long [ms]. */
 const COUNTED_AFTER = 80;
+
+/** The box around boxes. */
+const around = (boxes: readonly Clip[]): Clip => ({
+  lo: [0, 1, 2].map((axis) => Math.min(...boxes.map(({ lo }) => lo[axis]!))),
+  hi: [0, 1, 2].map((axis) => Math.max(...boxes.map(({ hi }) => hi[axis]!))),
+});
 
 export class SpaceViewer {
   readonly camera: SpaceCamera;
@@ -42,7 +48,7 @@ export class SpaceViewer {
     private readonly sheets: Sheets<Voxels>,
   ) {
     this.store = new Store(settingsOf(facts));
-    this.camera = new SpaceCamera(this.voxels.box);
+    this.camera = new SpaceCamera(around([...sheets.values()].map(({ box }) => box)));
     this.panel = panelOf(facts, this.store);
     const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
     if (!gl) {
