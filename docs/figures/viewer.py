@@ -3,8 +3,9 @@
 
 python docs/figures/viewer.py        # needs Chromium and playwright
 
-Writes docs/images/viewer.png, by day with a cell pointed at, and by night, viewer-log.png and
-viewer-space.png.
+Writes docs/images/viewer.png, by day with a cell pointed at, and by night, viewer-log.png,
+viewer-space.png, and viewer-full-map.png, a map of sonars beside the full map of the same log, with
+landmarks.
 """
 
 from __future__ import annotations
@@ -19,12 +20,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oddsmap import EvidenceMap, build_map
+from oddsmap import EvidenceMap, LandmarkMap, build_full_map, build_map
+from oddsmap.landmarks.observations import Observations
 from oddsmap.scans.memory_log import LoadedLog
-from oddsmap.simulate import Lidar2D, Lidar3D, drive3d, office_drive, office_plan, town
+from oddsmap.sensors.cone import ConeSensor
+from oddsmap.simulate import Lidar2D, Lidar3D, Sonar2D, drive3d, office_drive, office_plan, town
 from oddsmap.viewer.document import single_page
+from oddsmap.viewer.given import given_of
 from oddsmap.viewer.journey import read_journey
 from oddsmap.viewer.journey_payload import journey_payload
+from oddsmap.viewer.landmarks import landmark_facts
 from oddsmap.viewer.plane import plane_payload
 from oddsmap.viewer.questions import LogQuestions
 from oddsmap.viewer.server import PageServer
@@ -62,6 +67,30 @@ def street() -> EvidenceMap:
     grid.provenance.clear()
     grid.record("town", scans=40)
     return grid
+
+
+def sonars() -> bytes:
+    """The page of a drive with sonars through the office: counts, the full map, and landmarks."""
+    truth = office_plan().rasterise(0.1, (0, 0), (200, 140))
+    sonar, rng = Sonar2D(p_random=0.02, p_dropout=0.02), np.random.default_rng(0)
+    sensor = ConeSensor(cone_deg=sonar.cone_deg, range_max=sonar.range_max)
+    scans = [sonar.scan(truth, 0.1, pose, rng) for pose in office_drive(400)]
+    grid = build_map(scans, 0.1, sensor=sensor)
+    full = build_full_map(scans, 0.1, sensor=sensor)
+    # Columns, round tables, and ends of walls beside doors.
+    points = [(9.13, 1.0), (15.3, 2.9), (11.33, 10.2), (16.5, 9.7), (3.7, 6.0), (4.8, 6.0)]
+    marks = np.array([*points, (7.3, 6.0), (14.3, 6.0), (16.3, 6.0), (13.5, 11.1)])
+    seen = LandmarkMap()
+    for pose in office_drive(40):
+        there = (marks - pose.translation) @ pose.rotation
+        near = np.flatnonzero(np.hypot(*there.T) < 6.0)
+        noise = np.broadcast_to(np.eye(2) * 0.3**2, (len(near), 2, 2))
+        values = there[near] + 0.3 * rng.standard_normal((len(near), 2))
+        seen.add(Observations(pose, "position", values, noise, near))
+    grid.provenance.clear()
+    grid.record("sonar.npz", scans=400)
+    beside, on_top = given_of(full, "full.zarr"), landmark_facts(seen.landmarks)
+    return plane_payload(grid, "sonar.zarr", [beside], landmarks=on_top)
 
 
 def picture(browser: Browser, page_file: Path, scheme: str, notches: int, posterior: str) -> bytes:
@@ -173,6 +202,14 @@ def main() -> None:
         )
         shown = [picture_in_space(browser, path, *program) for program in programs]
         write(shown, "viewer-space.png")
+        path = Path(folder) / "sonar.html"
+        path.write_text(single_page("sonar.zarr", sonars()))
+        programs = (
+            ("light", "oddsmap.store.set({ landmarks: false })"),
+            ("light", "oddsmap.store.set({ posterior: 'given0' })"),
+        )
+        shown = [picture_in_space(browser, path, *program) for program in programs]
+        write(shown, "viewer-full-map.png")
         browser.close()
 
 

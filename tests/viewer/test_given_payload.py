@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oddsmap import EvidenceMap, FullMap, ProbabilityMap, VoxelMap
+from oddsmap import EvidenceMap, FullMap, FullMapConfig, ProbabilityMap, VoxelMap
 from oddsmap.config.config import Config, MapConfig
 from oddsmap.errors import InputError
 from oddsmap.limits import TILE_SIDE
@@ -118,6 +118,12 @@ def test_each_cell_of_a_full_map_that_beams_reached(view: FullMap) -> None:
     facts, _ = parts_of(payload)
     assert facts["cells"] == len(index)
     assert (facts["given"][0]["what"], facts["counts"]) == ("full map", False)
+
+
+def test_values_that_are_no_marginals_are_called_so() -> None:
+    view = full_map(1)
+    view.config = Config(map=MapConfig(resolution=0.1), full_map=FullMapConfig(method="map"))
+    assert "no marginals" in given_of(view, "m").what
 
 
 def test_a_map_beside_counts() -> None:

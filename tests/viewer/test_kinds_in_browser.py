@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import shlex
 import sys
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from oddsmap import EvidenceMap, FullMap, ProbabilityMap, VoxelMap, load_octomap, load_ros
@@ -53,6 +55,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write(made / "both.html", plane_payload(flat, "m.zarr", [given_of(full, "full.zarr")]))
     space = given_of(space_full_map(), "s.zarr", above=0.196)
     write(made / "space.html", space_payload(deep, "d.zarr", [space]))
+    write(made / "deep.html", space_payload(deep, "d.zarr"))
     return made
 
 
@@ -111,6 +114,19 @@ def counted(found: Opened) -> int:
     return int(found.get("oddsmap.occupied"))
 
 
+def picture(found: Opened) -> npt.NDArray[np.uint8]:
+    from PIL import Image
+
+    found.words()
+    content = found.page.locator("canvas").screenshot()
+    return np.array(Image.open(io.BytesIO(content)))[..., :3]
+
+
+def differing(a: npt.NDArray[np.uint8], b: npt.NDArray[np.uint8]) -> float:
+    """The share of pixels."""
+    return float((a != b).any(axis=-1).mean())
+
+
 def test_a_full_map(browser: Browser, folder: Path) -> None:
     view = full_map(1)
     with show(browser, folder, "full") as found:
@@ -156,6 +172,8 @@ def test_levels_keep_walls_and_average_what_is_free(browser: Browser, folder: Pa
 def test_a_map_that_is_turned(browser: Browser, folder: Path) -> None:
     with show(browser, folder, "turned") as found:
         check(found, ros())
+        header = found.page.locator("header").inner_text()
+        assert "along its own axes, which are turned by 28.6\u00b0" in header
         cell = (7, 21)
         found.look_at(cell)
         found.page.locator("canvas").first.focus()
@@ -201,17 +219,31 @@ def test_a_full_map_beside_counts(browser: Browser, folder: Path) -> None:
 
 def test_a_full_map_in_space_beside_counts(browser: Browser, folder: Path) -> None:
     _, p = space_full_map().cells()
+    with show(browser, folder, "deep") as found:
+        found.set(paint="probability")
+        alone = picture(found)
+        lo, target, far = found.get(
+            "[oddsmap.facts.lo, oddsmap.camera.target, oddsmap.camera.distance]"
+        )
     with show(browser, folder, "space") as found:
         index, hits, _ = counts(3).cells()
         view = counts(3).log_odds()
         want = ((view.at((index + 0.5) * 0.1) >= 0.65) & (hits > 0)).sum()
         assert counted(found) == want
+        # The box is that of both; seen from the same place:
+        moved = np.array(target) + lo - found.get("oddsmap.facts.lo")
+        place = {"target": moved.tolist(), "distance": far}
+        found.get("Object.assign(oddsmap.camera, place)", place=place)
+        found.set(paint="probability")
+        assert differing(picture(found), alone) < 0.01, "each map has its own voxels"
         found.set(paint="hits")
         found.page.get_by_label("Posterior").select_option("given0")
         assert found.get("oddsmap.store.value.paint") == "probability"
         assert counted(found) == (p >= 0.65).sum()
+        assert differing(picture(found), alone) > 0.02
         found.page.get_by_label("Posterior").select_option("log-odds")
         assert counted(found) == want
+        assert differing(picture(found), alone) < 0.01
         assert found.complaints == []
 
 
@@ -223,10 +255,11 @@ def test_copied_commands_run(
     monkeypatch.chdir(tmp_path)
     states = {"colours": "states", "occupied": 0.8}
     commands = []
-    for name, settings in (("both", {}), ("both", states), ("old", states), ("yard", states)):
+    for name, settings in (("both", [{}, states]), ("old", [states]), ("yard", [states])):
         with show(browser, folder, name) as found:
-            found.set(posterior="given0", **settings)
-            commands.append(found.page.locator("code").inner_text())
+            for one in settings:
+                found.set(posterior="given0", **one)
+                commands.append(found.page.locator("code").inner_text())
     assert commands == [
         "oddsmap export full.zarr full.png",
         "oddsmap export full.zarr full.yaml --occupied 0.8",

@@ -20,6 +20,7 @@ export function headingOf(root: HTMLElement, facts: Facts, changed: () => void, 
     .map(({ name, what, cells }) => `beside ${name}, ${article(what)} ${what} of ${count(cells)} cells`);
   const marks = count(facts.landmarks?.length ?? 0);
   if (facts.landmarks && facts.cells > 0) beside.push(`${marks} landmarks`);
+  if (facts.yaw !== 0) beside.push(`shown along its own axes, which are turned by ${short((facts.yaw * 180) / Math.PI)}\u00b0`);
   const theme = element("button", { type: "button", class: "theme" });
   const next = { auto: "light", light: "dark", dark: "auto" } as const;
   const apply = (value: keyof typeof next): void => {

@@ -20,13 +20,19 @@ import { spacePanel } from "./space_panel";
 import { SpaceOverlay } from "./space_overlay";
 import { type Picked, SpacePicking } from "./space_picking";
 import { count, describeVotes, indices, metres } from "./words";
-import { drawnIn, occupiedIn, type Points, sliceAt, type Voxels } from "./voxels";
+import { type Clip, drawnIn, occupiedIn, type Points, sliceAt, type Voxels } from "./voxels";
 
 /** Voxels are counted once nothing has been changed for so long [ms]. */
 const COUNTED_AFTER = 80;
 /** How far from the pointer a voxel may be where none is under it [pixels of the page]. */
 const BESIDE = [2, 4];
 const SCALE_BAR = 190;
+
+/** The box around boxes. */
+const around = (boxes: readonly Clip[]): Clip => ({
+  lo: [0, 1, 2].map((axis) => Math.min(...boxes.map(({ lo }) => lo[axis]!))),
+  hi: [0, 1, 2].map((axis) => Math.max(...boxes.map(({ hi }) => hi[axis]!))),
+});
 
 export class SpaceViewer implements Host {
   /** What is drawn above the map, and what is asked about it, where its log is there. */
@@ -73,7 +79,7 @@ export class SpaceViewer implements Host {
     const { facts } = payload;
     this.facts = facts;
     this.store = new Store(settingsOf(facts));
-    this.camera = new SpaceCamera(this.voxels.box);
+    this.camera = new SpaceCamera(around([...sheets.values()].map(({ box }) => box)));
     this.panel = panelOf(facts, this.store, spacePanel(facts, this.store, () => this.palettes()));
     const gl = this.canvas.getContext("webgl2", { alpha: false, antialias: false });
     if (!gl) {

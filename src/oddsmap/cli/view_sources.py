@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from oddsmap.cli.voice import Voice
     from oddsmap.evidence_map import EvidenceMap
-    from oddsmap.viewer.given import GivenMap
+    from oddsmap.viewer.given import Given, GivenMap
 
 __all__ = ["LANDMARKS", "Page", "counts_page", "page_of"]
 
@@ -89,7 +89,7 @@ def _on_top(ndim: int, landmarks: Path | None) -> dict[str, Any]:
     return {"landmarks": landmark_facts(read_landmarks(landmarks))}
 
 
-def _given(paths: Sequence[Path], free: float, voice: Voice) -> list[Any]:
+def _given(paths: Sequence[Path], free: float, voice: Voice) -> list[Given]:
     """Maps that lie beside another one, whose lowest threshold is `free`."""
     from oddsmap.viewer.given import given_of
 

@@ -145,8 +145,11 @@ def _of_full_map(view: FullMap, name: str, above: float | None) -> Given:
     if view.ndim == 3:
         listed = probability > (view.thresholds.free if above is None else above)
         index, probability = index[listed], probability[listed]
+    what = "full map"
+    if view.method == "map":
+        what = "full map (method map: its values are no marginals)"
     return Given(
-        name, "full map", view.ndim, view.resolution, index, probability, cells, bounds,
+        name, what, view.ndim, view.resolution, index, probability, cells, bounds,
         view.thresholds, (0.0, 0.0), 0.0, sources_of(view.provenance),
     )  # fmt: skip
 
@@ -157,7 +160,7 @@ def _of_leaves(view: VoxelMap, name: str, above: float) -> Given:
     if some.cell_count > MOST_VOXELS:
         raise InputError(
             f"{name}: {some.cell_count:,} voxels that may be occupied, the page shows up to "
-            f"{MOST_VOXELS:,}"
+            f"{MOST_VOXELS:,}; show a map of a part of it, or a coarser one"
         )
     index, probability = some.cells(max_cells=MOST_VOXELS)
     nothing = (np.zeros(3, np.int64),) * 2
