@@ -147,6 +147,8 @@ def test_a_payload_is_held_once_and_as_long_as_its_map() -> None:
     assert [parts_of(payload)[0]["cells"] for payload in held()] == [len(grid.cells()[0])]
     old = widget_in(first)
     assert "payload" not in old.get_state(), "pages that show it are not told"
+    widget_in(second).close()
+    assert shown(grid)[LIVE] != second[LIVE]
     del grid
     assert held() == []
 

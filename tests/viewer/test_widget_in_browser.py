@@ -61,7 +61,7 @@ def state_of(grid: EvidenceMap, **others: Any) -> dict[str, Any]:
     """As in `oddsmap.viewer.map_widget`."""
     own = grid.config.posterior
     return {
-        "posterior": "log-odds", "height": 400, "linked": True, "p_hit": grid.sensor.p_hit,
+        "posterior": "log-odds", "height": 260, "linked": True, "p_hit": grid.sensor.p_hit,
         "p_miss": grid.sensor.p_miss, "prior": own.prior, "free": own.thresholds.free,
         "occupied": own.thresholds.occupied, **others,
     }  # fmt: skip
@@ -98,7 +98,7 @@ def notebook(
         kind, content = files[route.request.url.removeprefix(HOST)]
         route.fulfill(content_type=kind, body=content)
 
-    page = browser.new_page(viewport={"width": 1000, "height": 900})
+    page = browser.new_page(viewport={"width": 760, "height": 640})
     complaints: list[str] = []
     page.on("console", lambda said: complaints.append(f"{said.type}: {said.text}"))
     page.on("pageerror", lambda error: complaints.append(str(error)))
@@ -168,6 +168,10 @@ def test_sliders_are_linked_with_python(notebook: Page, office: EvidenceMap) -> 
     state = notebook.evaluate("models[0].state")
     assert (state["prior"], state["posterior"], state["p_hit"]) == (0.2, "calibrated", 0.88)
     assert settings(notebook, 0) == settings(notebook, 1)
+    notebook.get_by_role("button", name="As the map has it").first.click()
+    state = notebook.evaluate("models[0].state")
+    assert (state["prior"], state["posterior"], state["p_hit"]) == (0.5, "log-odds", 0.7)
+    assert settings(notebook, 0) == settings(notebook, 1)
     notebook.evaluate("models[0].set('height', 300)")
     assert notebook.evaluate("shown[1].el.offsetHeight") == 300
 
@@ -175,13 +179,13 @@ def test_sliders_are_linked_with_python(notebook: Page, office: EvidenceMap) -> 
 def test_what_is_taken_away_leaves_nothing(notebook: Page, office: EvidenceMap) -> None:
     """Chromium complains of more than 16 graphics contexts."""
     show(notebook, state_of(office))
-    for number in range(20):
+    for number in range(18):
         notebook.evaluate("show(0)")
         notebook.evaluate(f"shown[{number}].close()")
-    assert notebook.evaluate("shown.slice(0, 20).every(({ el }) => el.childNodes.length === 0)")
+    assert notebook.evaluate("shown.slice(0, 18).every(({ el }) => el.childNodes.length === 0)")
     listeners = "Object.values(models[0].listeners).map((all) => all.size)"
     assert set(notebook.evaluate(listeners)) == {1}
-    check(notebook, 20, office)
+    check(notebook, 18, office)
 
 
 def test_a_payload_that_is_gone(notebook: Page, office: EvidenceMap) -> None:

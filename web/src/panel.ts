@@ -199,7 +199,8 @@ export function row(slider: Slider, store: Store) {
       this.root.hidden = !slider.of(set);
       const value = set[slider.name];
       // What is being typed stays as it is.
-      if ((number.getRootNode() as Document | ShadowRoot).activeElement !== number) number.value = String(Number(value.toPrecision(12)));
+      const around = number.getRootNode() as Document | ShadowRoot;
+      if (around.activeElement !== number) number.value = String(Number(value.toPrecision(12)));
       range.value = String(forth(value));
       range.setAttribute("aria-valuetext", String(Number(value.toPrecision(4))));
     },

@@ -35,14 +35,18 @@ function themeAround(): "light" | "dark" | "auto" {
 /** Keep settings the same here and in Python; gives what ends that. */
 function share(model: Model, store: Store): () => void {
   const names = Object.entries(SHARED);
+  let telling = false; // the model has some of what the store has, and not yet all of it
   const take = (): void => {
+    if (telling) return;
     const change = Object.fromEntries(names.map(([theirs, ours]) => [ours, model.get(theirs)])) as Partial<Settings>;
     if (names.some(([, ours]) => store.value[ours] !== change[ours])) store.set(change);
   };
   let due: ReturnType<typeof setTimeout> | undefined;
   const tell = (): void => {
     const others = names.filter(([theirs, ours]) => model.get(theirs) !== store.value[ours]);
+    telling = true;
     for (const [theirs, ours] of others) model.set(theirs, store.value[ours]);
+    telling = false;
     if (others.length === 0) return;
     due ??= setTimeout(() => {
       due = undefined;

@@ -64,7 +64,7 @@ def _live(evidence: Evidence) -> MapWidget:
 
     last, payload = _shown.get(evidence), payload_of_map(evidence)
     if last is not None:
-        if last.payload == payload:
+        if last.payload == payload and last.comm is not None:  # as after `Widget.close_all()`
             return last
         last.forget()
     widget = MapWidget(evidence, payload, linked=False)
