@@ -81,6 +81,8 @@ def view(
             raise ConfigError("--foxglove serves a map, -o writes a file: leave one of them out")
     check_files([source], output, force=force)
     if foxglove:
+        if not browser:
+            raise ConfigError("--foxglove opens no page: leave --no-browser out")
         serve_to_foxglove(source, port, voice)
         return
     name = source.name or source.resolve().name  # "." has none of its own
