@@ -105,7 +105,7 @@ def test_the_readme_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.Monkey
             assert not end.value.code, command
             ran += 1
     assert ran >= 8
-    made = "coarse.yaml coarse.pgm fine.yaml town.bt town.png full_map.png sonar.zarr/zarr.json"
+    made = "coarse.yaml coarse.pgm fine.yaml town.bt town.html full_map.png sonar.zarr/zarr.json"
     for name in made.split():
         assert (tmp_path / "oddsmap-demo" / name).stat().st_size > 0
     # All in the folder that git ignores: a newcomer's tree stays clean.

@@ -111,10 +111,10 @@ def test_formats_are_listed(run: Run) -> None:
         (["build", "x", "-o", "y", "--votes", "zzz"], "'scan', 'beam'"),
         (["build", "x", "-o", "y", "--resolution", "5cm"], "5cm"),
         (["build", "x", "-o", "y", "--range-max=0,1"], "0,1"),
-        (["build", "x", "-o", "y", "--resolutin", "1"], "(Possible options: --resolution)"),
+        (["build", "x", "-o", "y", "--resolutin", "1"], "--resolution"),
         (
             ["build", "x", "-o", "y", "--p-hit", ".7"],
-            ": --p-hit: set it with --set sensor.p_hit=.7, or give it to oddsmap export",
+            ": set it with --set sensor.p_hit=.7, or give it to oddsmap export",
         ),
         (
             ["score", "x", "y", "--p-hti=.7"],
@@ -122,7 +122,7 @@ def test_formats_are_listed(run: Run) -> None:
         ),
         (
             ["build", "x", "--half-life", "3"],
-            "--set map.half_life=3 (Possible options: --half",
+            "set it with --set map.half_life=3",
         ),
         (["build", "x", "--cone-deg"], "set it with --set sensor.cone_deg=VALUE"),
         (["build", "x", "--z-min", "-1"], "it is an option of oddsmap export and costmap"),
@@ -133,7 +133,7 @@ def test_formats_are_listed(run: Run) -> None:
         ),
         (["export", "x", "-o", "y.png"], "the output is the last word, without an option"),
         (["export", "x", "y.png", "--cone-deg", "9"], "of oddsmap build, --set sensor.cone_deg=9"),
-        (["demo", "--xyzzy"], "No such option: --xyzzy"),
+        (["demo", "--xyzzy"], "--xyzzy"),
     ],
 )
 def test_mistyped_words(run: Run, words: list[str], said: str) -> None:

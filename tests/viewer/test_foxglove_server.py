@@ -146,6 +146,9 @@ def test_the_command(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         done = run("view", tmp_path / name, "--foxglove", "--port", free)
         assert done.status == 0
         assert done.out.splitlines()[0] == asked[-1] == f"ws://127.0.0.1:{free}"
+    assert (
+        "leave --no-browser out" in run("view", tmp_path / name, "--foxglove", "--no-browser").line
+    )
     assert "leave one of them out" in run("view", name, "--foxglove", "-o", "m.html").line
 
 

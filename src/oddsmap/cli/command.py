@@ -50,12 +50,15 @@ def _say_where(error: Any, ctx: Any, words: list[str]) -> None:
     """Let the error of an option that a command lacks say what was meant."""
     from oddsmap.cli.unknown_option import own_ones_like, where_it_belongs
 
+    if ctx.parent is None:
+        return  # a command by itself has no others beside it
     option, commands = error.option_name, ctx.parent.command.commands
     error.possibilities = own_ones_like(option, error.possibilities or ())
     where = where_it_belongs(
         option, ctx.info_name, commands, words, exactly=bool(error.possibilities)
     )
-    error.message = f"{error.message}: {where}" if where else error.message
+    if where:
+        error.message = f"{error.message.removesuffix('.')}: {where}"
 
 
 def _value_of(parameter: Any, words: list[str]) -> str:

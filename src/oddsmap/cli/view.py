@@ -135,6 +135,8 @@ def view(
     files = [source, log, *beside, landmarks, *log_options.files(log or source)]
     check_files(files, output, force=force)
     if foxglove:
+        if not browser:
+            raise ConfigError("--foxglove opens no page: leave --no-browser out")
         if log is not None or beside or landmarks is not None:
             raise ConfigError("--foxglove serves one map alone: leave out the log and other maps")
         serve_to_foxglove(source, port, voice)
