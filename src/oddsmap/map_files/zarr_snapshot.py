@@ -17,7 +17,7 @@ from typing import TypeVar
 from oddsmap.atomic_write import put_back
 from oddsmap.errors import InputError, OddsmapError
 
-__all__ = ["holds", "read_unchanged", "settled"]
+__all__ = ["Mark", "holds", "mark_of", "read_unchanged", "settled"]
 
 T = TypeVar("T")
 
@@ -29,7 +29,7 @@ _WORDS = 200
 _DAMAGE = (
     OSError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, RuntimeError,
 )  # fmt: skip
-_Mark = tuple[int, int, int, bytes]
+Mark = tuple[int, int, int, bytes]
 
 
 def holds(path: str | os.PathLike[str], array: str) -> bool:
@@ -59,19 +59,19 @@ def read_unchanged(path: Path, read: Callable[[], T]) -> T:
         OddsmapError: what `read` raises.
     """
     for attempt in range(_TRIES):
-        before = _mark(settled(path))
+        before = mark_of(settled(path))
         try:
             found = read()
         except OddsmapError:
-            if _mark(path) == before:
+            if mark_of(path) == before:
                 raise
         except _DAMAGE as error:
-            if _mark(path) == before:
+            if mark_of(path) == before:
                 raise InputError(
                     f"{path}: damaged, cannot be read as a map: {_one_line(error)}"
                 ) from None
         else:
-            if _mark(path) == before:
+            if mark_of(path) == before:
                 return found
         time.sleep(_pause(attempt))
     raise InputError(
@@ -80,8 +80,8 @@ def read_unchanged(path: Path, read: Callable[[], T]) -> T:
     )
 
 
-def _mark(path: Path) -> _Mark | None:
-    """What is another for each save; None where there is none."""
+def mark_of(path: Path) -> Mark | None:
+    """What is another for each save of a map; None where there is no map."""
     file = path / "zarr.json"
     try:
         with file.open("rb") as content:
