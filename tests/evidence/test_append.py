@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import shutil
 import tempfile
 import threading
 from pathlib import Path
@@ -137,6 +138,16 @@ def test_other_shards_are_the_same_files(tmp_path: Path) -> None:
     same = {name for name in before if after[name].st_ino == before[name]}
     assert same == set(before) - {"hits/c/0/0", "passes/c/0/0"}
     assert {stat.st_nlink for stat in after.values()} == {1}, "the old map has gone"
+
+
+def test_a_copy_of_links_stays_as_it_was(tmp_path: Path) -> None:
+    """No file is ever changed in place, so `cp -al` keeps a map as of today."""
+    path, kept = tmp_path / "map.zarr", tmp_path / "monday.zarr"
+    a_map(FAR).save(path)
+    shutil.copytree(path, kept, copy_function=os.link)
+    a_map({(2, 2): (0, ONE), (5000, 1): (300 * ONE, 0)}).save(path, append=True)
+    assert votes_of(load_map(kept)) == FAR
+    assert votes_of(load_map(path)) != FAR
 
 
 def test_a_map_that_grows_to_every_side(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ class StoredTiles(NamedTuple):
             ValueError: it is damaged.
         """
         tiles, d, side = self.tiles, self.tiles.ndim, self.tiles.side
-        unit = unit_of(shards.header, self.names[0])
+        unit = _units_in(shards.header, self.names[0])
         chunks = shards.read(self.names, place)
         for cells, name in zip(chunks.cells, self.names, strict=True):
             _check_counts(cells, unit, name)
@@ -76,14 +76,12 @@ class StoredTiles(NamedTuple):
     def form(self, header: Header) -> tuple[int, np.dtype[Any], str | None]:
         """The unit and the type of arrays that something was added to; why they are others."""
         array, census = header.arrays[self.names[0]], self.tiles.census()
-        before = unit_of(header, self.names[0])
+        before = _units_in(header, self.names[0])
         unit = ONE if before == ONE and census.whole_votes else 1
         # Of the votes that were whole 65536 times as many units: 16 bits more.
         units = np.dtype(np.uint32 if array.dtype.itemsize <= 2 else np.uint64)
-        kept, needed = (
-            array.dtype if unit == before else units,
-            np.min_scalar_type(census.largest // unit),
-        )
+        kept = array.dtype if unit == before else units
+        needed = np.min_scalar_type(census.largest // unit)
         dtype = needed if needed.itemsize > kept.itemsize else kept
         if unit != before:
             return unit, dtype, "parts of votes were added to whole votes"
@@ -125,7 +123,7 @@ def stored_tiles(evidence: Evidence) -> list[StoredTiles]:
     return stored
 
 
-def unit_of(header: Header, name: str) -> int:
+def _units_in(header: Header, name: str) -> int:
     """Units in one count of an array."""
     return _unit_of(header.arrays[name].attributes, name)
 
@@ -163,7 +161,7 @@ class UntouchedShards(NamedTuple):
             InputError: it is damaged.
         """
         name, d = self.name, len(place)
-        before = unit_of(self.header, name)
+        before = _units_in(self.header, name)
 
         def read() -> tuple[IntArray, Any]:
             chunks = SavedShards(self.path, self.header).read([name], place)
