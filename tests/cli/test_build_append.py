@@ -78,6 +78,16 @@ def test_the_settings_of_the_map_stand(run: Run, logs: list[Path], tmp_path: Pat
     assert f"{path}: of c.log no scan is kept back" in done.out
 
 
+def test_what_a_log_does_not_say(run: Run, logs: list[Path], tmp_path: Path) -> None:
+    path, silent = tmp_path / "map.zarr", tmp_path / "silent.log"
+    assert run("build", logs[0], "--resolution", 0.1, "-o", path).status == 0
+    silent.write_text("FLASER 3 1.0 1.5 2.0 0 0 0 0 0 0 1 host 1\n")
+    done = run("build", silent, "-o", path, "--append")
+    assert f"{path}: silent.log says no range_max: it is mapped with the 81.83 m of" in done.out
+    done = run("build", silent, "-o", path, "--append", "--range-max", 81.83)
+    assert "says no range_max" not in done.out
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -56,11 +56,12 @@ def append_to(
         **{f"append_{name}": value for name, value in did._asdict().items()},
         "bytes_on_disk": sum(f.stat().st_size for f in plan.output.rglob("*") if f.is_file()),
     }
-    return facts, [*doubts_of_sum(saved, evidence), *_differences(saved, opened)]
+    decided = plan.layers.fields("sensor")
+    return facts, [*doubts_of_sum(saved, evidence), *_differences(saved, opened, decided)]
 
 
-def _differences(saved: EvidenceMap, opened: OpenedLogs) -> list[Note]:
-    """In what logs were mapped in another way than the map."""
+def _differences(saved: EvidenceMap, opened: OpenedLogs, decided: set[str]) -> list[Note]:
+    """In what logs were mapped in another way than the map, or than without it."""
     from oddsmap.scans.note import Note
     from oddsmap.scans.split_log import PartOfLog
     from oddsmap.sensors.registry import settings_of
@@ -76,6 +77,15 @@ def _differences(saved: EvidenceMap, opened: OpenedLogs) -> list[Note]:
         ]
         if differ:
             found.append(Note("; ".join(differ), code="append.sensor"))
+        used = theirs.get("range_max")
+        if used is not None and "range_max" not in {*part.log.sensor, *decided}:
+            found.append(
+                Note(
+                    f"{Path(part.log.path).name} says no range_max: it is mapped with the {used:g} "
+                    "m of the map's settings, and would have none in a map of its own",
+                    code="append.range_max",
+                )
+            )
         held = any("hold_out_every" in entry for entry in saved.provenance)
         if held and not isinstance(part.log, PartOfLog):
             found.append(
