@@ -122,17 +122,6 @@ class BuildPlan:
 
         return None if self.hold_out is None else every_of(self.hold_out)
 
-    def _check_estimator(self) -> None:
-        from oddsmap.errors import ConfigError
-
-        full_map = self.estimator == "full-map"
-        if full_map and self.settings.votes is not None:
-            raise ConfigError("--votes belongs to --estimator filter: a full map counts no votes")
-        if full_map and self.method != "rays":
-            raise ConfigError(f"--method {self.method} belongs to --estimator filter")
-        if not full_map and self.settings.sweeps is not None:
-            raise ConfigError("--sweeps belongs to --estimator full-map")
-
     def _check_append(self) -> None:
         from oddsmap.errors import ConfigError
 
@@ -145,6 +134,17 @@ class BuildPlan:
         ):
             if given:
                 raise ConfigError(f"{option} {why}: leave one of the two out")
+
+    def _check_estimator(self) -> None:
+        from oddsmap.errors import ConfigError
+
+        full_map = self.estimator == "full-map"
+        if full_map and self.settings.votes is not None:
+            raise ConfigError("--votes belongs to --estimator filter: a full map counts no votes")
+        if full_map and self.method != "rays":
+            raise ConfigError(f"--method {self.method} belongs to --estimator filter")
+        if not full_map and self.settings.sweeps is not None:
+            raise ConfigError("--sweeps belongs to --estimator full-map")
 
     def _check_settings(self) -> None:
         self.layers.check_estimator(self.estimator)
