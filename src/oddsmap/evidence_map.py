@@ -234,11 +234,31 @@ class EvidenceMap(Evidence, Pictured):
 
         return bundle_of(self, self._repr_html_)
 
-    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write the map as a Zarr folder: see `oddsmap.evidence.store.save_map`."""
+    def save(
+        self, path: str | os.PathLike[str], *, force: bool = False, append: bool = False
+    ) -> None:
+        """Write the map as a Zarr folder: see `oddsmap.evidence.store.save_map`.
+
+        Args:
+            path: the folder, by custom with the suffix .zarr.
+            force: True if an existing map may be replaced.
+            append: True: add to the map that is there, exactly, and touch only the shards that are
+                reached: see `oddsmap.evidence.append.append_map`.
+
+        Raises:
+            OutputError: it exists and neither is True, or is no map, or cannot be written.
+            InputError: there is no map to add to, it is damaged, or the two do not add up.
+            ConfigError: both are True.
+        """
+        from oddsmap.evidence.append import append_map
         from oddsmap.evidence.store import save_map
 
-        save_map(self, path, force=force)
+        if append and force:
+            raise ConfigError("a map is added to (append) or replaced (force): leave one out")
+        if append:
+            append_map(self, path)
+        else:
+            save_map(self, path, force=force)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> EvidenceMap:

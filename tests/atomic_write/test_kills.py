@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable
@@ -52,7 +53,7 @@ def killed_at(step: int, replace: Callable[[], object], folder: Path, exchange: 
 
 def at_each_step(
     replace: Callable[[], object], path: Path, restore: Callable[[], None], content: Content, *,
-    exchange: bool = True,
+    exchange: bool = True, stride: int = 1,
 ) -> int:  # fmt: skip
     restore()
     old = content(path)
@@ -60,7 +61,7 @@ def at_each_step(
     sides, step = [old, content(path)], 0
     seen: set[int] = set()
     while True:
-        step += 1
+        step += stride
         restore()
         process = FORK.Process(target=killed_at, args=(step, replace, path.parent, exchange))
         process.start()
@@ -107,6 +108,30 @@ def test_a_map_is_replaced_in_steps(exchange: bool, tmp_path: Path) -> None:
         exchange=exchange,
     )
     assert steps > 30
+
+
+@pytest.mark.parametrize("stride", [11, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_map_is_added_to_in_steps(stride: int, tmp_path: Path) -> None:
+    """With a shard that is written, and some that are linked."""
+    make, load, content = KINDS["2D"]
+    path, kept = tmp_path / "maps" / "map.zarr", tmp_path / "kept.zarr"
+    path.parent.mkdir()
+    (make(1) + make(2)).save(kept)
+    more = EvidenceMap(0.1, votes="beam")
+    more.add_cells(np.array([[2, 2]]), np.array([65536]), np.array([0]))
+
+    def restore() -> None:
+        shutil.rmtree(path, ignore_errors=True)
+        shutil.copytree(kept, path)
+
+    steps = at_each_step(
+        lambda: more.save(path, append=True),
+        path,
+        restore,
+        lambda found: content(load(found)),
+        stride=stride,
+    )
+    assert steps > 40
 
 
 def test_files_are_replaced_in_steps(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 
 `output.py` is the whole way; `work_folder.py` is where the new one is made, and how what a killed
 run left of it is found (`lock.py`); `swap.py` puts it in place; `sync.py` sees to it that it is on
-the disk.
+the disk; `writer_lock.py` lets one process at a time add to an output.
 """
 
 from oddsmap.atomic_write.output import (
@@ -13,5 +13,13 @@ from oddsmap.atomic_write.output import (
     why_no_file,
 )
 from oddsmap.atomic_write.work_folder import put_back
+from oddsmap.atomic_write.writer_lock import one_writer
 
-__all__ = ["atomic_output", "atomic_outputs", "check_output", "put_back", "why_no_file"]
+__all__ = [
+    "atomic_output",
+    "atomic_outputs",
+    "check_output",
+    "one_writer",
+    "put_back",
+    "why_no_file",
+]

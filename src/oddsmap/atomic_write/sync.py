@@ -46,6 +46,8 @@ def sync_folder(folder: Path) -> None:
 
 
 def _sync_file(path: Path) -> None:
+    if path.lstat().st_nlink > 1:
+        return  # a link to what lay elsewhere before, and was waited for when it was written
     _sync(path, os.O_RDWR)  # Windows syncs only what is open for writing
 
 

@@ -26,6 +26,7 @@ from pathlib import Path
 
 from oddsmap.atomic_write.lock import is_open_at, try_lock, unlock
 from oddsmap.atomic_write.swap import remove, rename_to_free
+from oddsmap.atomic_write.writer_lock import LOCK_NAME, remove_dead_lock
 from oddsmap.errors import RecoveryWarning
 
 __all__ = ["WorkFolder", "clear_dead", "put_back"]
@@ -91,10 +92,12 @@ def clear_dead(parent: Path) -> None:
     """Finish, put back or clear what killed runs left in a folder; each is said in a warning."""
     try:
         with os.scandir(parent) as entries:
-            found = sorted(entry.name for entry in entries if _NAME.fullmatch(entry.name))
+            names = sorted(entry.name for entry in entries)
     except OSError:
         return
-    for folder in (parent / name for name in found):
+    for name in filter(LOCK_NAME.fullmatch, names):
+        remove_dead_lock(parent / name)
+    for folder in (parent / name for name in filter(_NAME.fullmatch, names)):
         lock = _claim_dead(folder)
         if lock is None:
             continue

@@ -41,6 +41,7 @@ HELP = """Map one or more logs: in 2D or 3D, as their scans are.
 
 \b
   oddsmap build intel.log.gz --resolution 0.05 -o intel.zarr
+  oddsmap build tuesday.log -o hall.zarr --append   (what building both makes)
   oddsmap build run.log --resolution 0.1 --range-max 30 --clear-range 10 \\
     -o run.zarr
   oddsmap build run.log --config lidar.toml --set sensor.hit_width=0.1 \\
@@ -66,6 +67,13 @@ def build(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="MAP.zarr", help="The map to write, a folder.")
     ],
+    append: Annotated[
+        bool,
+        typer.Option(
+            "--append",
+            help="Add the logs to the map that is there, exactly; its settings stand.",
+        ),
+    ] = False,
     resolution: Resolution = None,
     votes: Annotated[
         Literal["scan", "beam"] | None,
@@ -158,6 +166,7 @@ def build(
         log_options=log_options,
         output=output,
         force=force,
+        append=append,
         settings=MapSettings(
             resolution=resolution,
             votes=votes,
@@ -182,7 +191,7 @@ def build(
     try:
         if auto:
             plan, opened, fitted = fit_first(plan, opened)
-        facts, report = make_map(plan, opened)
+        facts, report, notes = make_map(plan, opened)
     except OddsmapError:
         # What looks odd in a log may be why it makes no map.
         _say_doubts(opened, voice, err=True)
@@ -197,6 +206,8 @@ def build(
     if doubt is not None:
         voice.note(plan.settings.config or "--set", doubt)
     _say_doubts(opened, voice)
+    for note in notes:
+        voice.note(plan.output, note)
     voice.facts(facts)
     for line in lines(facts):
         voice.say(line)

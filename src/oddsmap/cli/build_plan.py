@@ -69,6 +69,7 @@ class BuildPlan:
         log_options: how to read them.
         output: the map to write.
         force: whether it may replace an existing map.
+        append: whether the logs are added to the map that is there.
         settings: the options that set fields of the configuration.
         estimator: what makes the map.
         method: how depth images clear.
@@ -87,6 +88,7 @@ class BuildPlan:
     log_options: LogOptions = field(default_factory=LogOptions)
     output: Path
     force: bool = False
+    append: bool = False
     settings: MapSettings = field(default_factory=MapSettings)
     estimator: Literal["filter", "full-map"] = "filter"
     method: Literal["rays", "projective"] = "rays"
@@ -104,6 +106,7 @@ class BuildPlan:
         _ = self.hold_out_every
         if self.blocks and self.hold_out is None:
             raise ConfigError("--blocks says which scans are kept back: add --hold-out 0.1")
+        self._check_append()
         self._check_settings()
         self._check_files()
 
@@ -119,6 +122,19 @@ class BuildPlan:
 
         return None if self.hold_out is None else every_of(self.hold_out)
 
+    def _check_append(self) -> None:
+        from oddsmap.errors import ConfigError
+
+        if not self.append:
+            return
+        for given, option, why in (
+            (self.force, "--force", "replaces the map that --append adds to"),
+            (self.auto, "--auto", "fits the sensor to all logs of a map"),
+            (self.estimator == "full-map", "--estimator full-map", "makes maps that do not add up"),
+        ):
+            if given:
+                raise ConfigError(f"{option} {why}: leave one of the two out")
+
     def _check_estimator(self) -> None:
         from oddsmap.errors import ConfigError
 
@@ -132,14 +148,14 @@ class BuildPlan:
 
     def _check_settings(self) -> None:
         self.layers.check_estimator(self.estimator)
-        if "resolution" not in self.layers.fields("map"):
+        if not self.append and "resolution" not in self.layers.fields("map"):
             raise typer.BadParameter(
                 "a map needs one, in metres, like --resolution 0.05", param_hint="--resolution"
             )
         self.layers.check_values()
 
     def _check_files(self) -> None:
-        from oddsmap.cli.files import check_files, check_logs, check_suffix
+        from oddsmap.cli.files import check_appendable, check_files, check_logs, check_suffix
 
         suffix = self.output.suffix.lower()
         made = f"; oddsmap export makes {suffix} of it" if suffix in EXPORTED else ""
@@ -148,4 +164,6 @@ class BuildPlan:
         )
         read = [*self.logs, *self.log_options.files(*self.logs)]
         check_logs(self.logs)
-        check_files(read, self.output, force=self.force, is_map=True)
+        if self.append:
+            check_appendable(self.output)
+        check_files(read, self.output, force=self.force or self.append, is_map=True)

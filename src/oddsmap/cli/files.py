@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["check_files", "check_logs", "check_suffix"]
+__all__ = ["check_appendable", "check_files", "check_logs", "check_suffix"]
 
 
 def check_files(
@@ -90,6 +90,25 @@ def check_logs(logs: Iterable[Path]) -> None:
                 f"{path}: is a saved map, not a log: give the log; oddsmap info and oddsmap export "
                 "read maps"
             )
+
+
+def check_appendable(output: Path) -> None:
+    """Refuse to add to what is no saved map that counts hits and passes.
+
+    Raises:
+        InputError: there is none, or it is another.
+    """
+    from oddsmap.errors import InputError
+    from oddsmap.map_files.zarr_folder import EVIDENCE_MAP, FULL_MAP, format_of
+    from oddsmap.map_files.zarr_snapshot import settled
+
+    if not settled(output).exists():
+        raise InputError(f"{output}: there is no map to add to: make it without --append")
+    kind = format_of(output)
+    if kind == FULL_MAP:
+        raise InputError(f"{output}: is a full map, which has no counts to add to")
+    if kind != EVIDENCE_MAP:
+        raise InputError(f"{output}: is no saved map, and --append adds to one")
 
 
 def check_suffix(output: Path, known: Iterable[str], meaning: str) -> None:

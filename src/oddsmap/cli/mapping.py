@@ -15,12 +15,13 @@ if TYPE_CHECKING:
     from oddsmap.cli.build_plan import BuildPlan
     from oddsmap.cli.opened_logs import OpenedLog, OpenedLogs
     from oddsmap.evidence_map import EvidenceMap
+    from oddsmap.scans.note import Note
     from oddsmap.scans.report import Report
 
 __all__ = ["make_map"]
 
-Made = tuple[dict[str, Any], "Report"]
-"""Remarks on a map, and what became of its scans."""
+Made = tuple[dict[str, Any], "Report", "list[Note]"]
+"""Remarks on a map, what became of its scans, and what to know of it."""
 
 
 def make_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
@@ -29,6 +30,8 @@ def make_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     Raises:
         OddsmapError: the logs do not make one map, or it cannot be written.
     """
+    if plan.append:
+        return _added(plan, opened)
     make = _full_map if plan.estimator == "full-map" else _evidence_map
     return make(plan, opened)
 
@@ -36,11 +39,37 @@ def make_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
 def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     """Map with the filter and save."""
     from oddsmap.cli.bounds_of_trust import facts_of_votes
-    from oddsmap.integrate.add import add_log
     from oddsmap.posterior.count_pairs import count_pairs
+
+    evidence = _empty_map(opened)
+    total = _fill(evidence, plan, opened)
+    fitted = fit_to_map(plan, opened, evidence, total.skipped) if plan.auto else None
+    _note_posterior(evidence.provenance, fitted)
+    with working(f"saving {plan.output.name}", quiet=plan.quiet):
+        evidence.save(plan.output, force=plan.force)
+    votes = facts_of_votes(evidence, count_pairs(evidence))
+    facts = {**facts_of(evidence, plan.output), "own_votes_predicted": votes}
+    return facts | ({} if fitted is None else {"auto": fitted}), total, []
+
+
+def _added(plan: BuildPlan, opened: OpenedLogs) -> Made:
+    """Map with the filter, by the settings of the map that is there, and add to that."""
+    from oddsmap.cli.append_settings import empty_like
+    from oddsmap.cli.appending import append_to
+
+    saved = empty_like(plan.output)
+    evidence = saved.like()
+    total = _fill(evidence, plan, opened)
+    facts, notes = append_to(saved, evidence, plan, opened)
+    return facts, total, notes
+
+
+def _fill(evidence: EvidenceMap, plan: BuildPlan, opened: OpenedLogs) -> Report:
+    """Map all logs."""
+    from oddsmap.integrate.add import add_log
     from oddsmap.scans.report import Report
 
-    evidence, total = _empty_map(opened), Report()
+    total = Report()
     counts = [part.log.scan_count for part in opened.logs]
     scans = None if None in counts else sum(count or 0 for count in counts)
     with progress_of_logs(scans, quiet=plan.quiet) as advance:
@@ -55,13 +84,7 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
             )
             total.include(report)
     _note_held_out(evidence.provenance, opened.logs)
-    fitted = fit_to_map(plan, opened, evidence, total.skipped) if plan.auto else None
-    _note_posterior(evidence.provenance, fitted)
-    with working(f"saving {plan.output.name}", quiet=plan.quiet):
-        evidence.save(plan.output, force=plan.force)
-    votes = facts_of_votes(evidence, count_pairs(evidence))
-    facts = {**facts_of(evidence, plan.output), "own_votes_predicted": votes}
-    return facts | ({} if fitted is None else {"auto": fitted}), total
+    return total
 
 
 def _empty_map(opened: OpenedLogs) -> EvidenceMap:
@@ -113,7 +136,7 @@ def _full_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     _note_posterior(full_map.provenance, {"posterior": "full-map"} if plan.auto else None)
     with working(f"saving {plan.output.name}", quiet=plan.quiet):
         full_map.save(plan.output, force=plan.force)
-    return facts_of_full_map(full_map, plan.output), estimator.report
+    return facts_of_full_map(full_map, plan.output), estimator.report, []
 
 
 def _note_posterior(provenance: list[dict[str, Any]], fitted: dict[str, Any] | None) -> None:

@@ -51,6 +51,7 @@ def open_logs(plan: BuildPlan) -> OpenedLogs:
     Raises:
         OddsmapError: a log cannot be read, or does not fit the plan or the other logs.
     """
+    from oddsmap.cli.append_settings import configs_to_append
     from oddsmap.scans.log import parts_of
     from oddsmap.scans.split_log import run_of
 
@@ -59,7 +60,10 @@ def open_logs(plan: BuildPlan) -> OpenedLogs:
     read_s = time.perf_counter() - started
     for log in logs:
         check_width(log, plan.settings.sensor)
-    configs = [plan.layers.resolve(log) for log in logs]
+    if plan.append:
+        configs = configs_to_append(plan.output, plan.layers, logs)
+    else:
+        configs = [plan.layers.resolve(log) for log in logs]
     sensor = _only_sensor(plan, logs, configs)
     every = plan.hold_out_every
     runs = [run_of(log) if plan.blocks else 1 for log in logs]

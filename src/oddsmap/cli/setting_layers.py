@@ -98,6 +98,31 @@ class SettingLayers:
             base["sensor"] = stated_of_sensor(log, kind)
         return resolve(("map", base), *self.layers)
 
+    def resolve_added(self, stored: Config, log: Log) -> Config:
+        """The configuration for a log that is added to a saved map.
+
+        What is stored with the map, what the log says of its own sensor, and the layers above.
+
+        Raises:
+            ConfigError: a field is unknown, its value is not possible, or the log is of another
+                kind of sensor.
+        """
+        from oddsmap.config.config import resolve
+        from oddsmap.errors import ConfigError
+        from oddsmap.sensors.registry import stated_of_sensor
+
+        base, kind = stored.to_dict(), self.sensor_kind()
+        first = None if kind is not None else next(iter(log), None)
+        stated = stated_of_sensor(log, kind, first=first, decided=self.fields("sensor"))
+        if stated["kind"] != stored.sensor.kind:
+            raise ConfigError(
+                f"{log.path}: is mapped by a sensor of kind {stated['kind']}, the map by one of "
+                f"kind {stored.sensor.kind}: give --sensor or --set sensor.kind as for the map, or "
+                "build a map of the log and add the two with oddsmap merge"
+            )
+        base["sensor"] |= stated
+        return resolve(("map", base), *self.layers)
+
     def check_values(self) -> None:
         """Refuse what is right for no log, before one is opened.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
+from oddsmap.cli.appending import lines_of_append
 from oddsmap.cli.auto import lines_of_auto
 from oddsmap.cli.bounds_of_trust import trust_line
 
@@ -65,7 +66,10 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
         yield (f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
     for reason, count in sorted(facts["skipped"].items()):
         yield (f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
-    seen, *where = lines_of_map(facts)
+    if "append_cells_new" in facts:
+        seen, where = lines_of_append(facts)
+    else:
+        seen, *where = lines_of_map(facts)
     yield seen
     yield (
         f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "

@@ -62,7 +62,7 @@ class Evidence(CountedCells):
                 it counts back from (see `rescaled`), in whether they keep lengths, or in the kind
                 of sensor.
         """
-        self._check_same_kind(other, any_sensor=any_sensor, done="added")
+        self.check_same_kind_as(other, any_sensor=any_sensor, done="added")
         merge_tiles(self.tiles, other.tiles)
         if self.lengths is not None and other.lengths is not None:
             merge_tiles(self.lengths, other.lengths)
@@ -82,7 +82,7 @@ class Evidence(CountedCells):
             InputError: as in `merge`, or a cell has less than is to be taken out; then nothing
                 has changed.
         """
-        self._check_same_kind(other, any_sensor=any_sensor, done="subtracted")
+        self.check_same_kind_as(other, any_sensor=any_sensor, done="subtracted")
         left, lengths = difference(self.tiles, other.tiles, self.resolution), self.lengths
         if self.lengths is not None and other.lengths is not None:
             lengths = difference(self.lengths, other.lengths, self.resolution)
@@ -96,7 +96,8 @@ class Evidence(CountedCells):
         else:
             self.provenance = own
 
-    def _check_same_kind(self, other: Evidence, *, any_sensor: bool, done: str) -> None:
+    def check_same_kind_as(self, other: Evidence, *, any_sensor: bool, done: str) -> None:
+        """Refuse what does not add up with this map: see `merge`; `done` is "added" or the like."""
         if not isinstance(other, Evidence):
             raise InputError(
                 f"only evidence is {done}, and a {type(other).__name__} holds no hits and passes"
