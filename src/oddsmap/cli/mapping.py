@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.auto import fit_to_map
 from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps, working
-from oddsmap.cli.summary import facts_of, facts_of_full_map
+from oddsmap.cli.summary import facts_of_building, facts_of_full_map
 
 if TYPE_CHECKING:
     from oddsmap.cli.build_plan import BuildPlan
@@ -37,30 +37,36 @@ def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     """Map with the filter and save."""
     from oddsmap.cli.bounds_of_trust import facts_of_votes
     from oddsmap.integrate.add import add_log
-    from oddsmap.posterior.count_pairs import count_pairs
+    from oddsmap.limits import default_budget
+    from oddsmap.posterior.count_pairs import TotalsWithPairs
+    from oddsmap.scale.budgeted_map import BudgetedMap
     from oddsmap.scans.report import Report
 
     evidence, total = _empty_map(opened), Report()
     counts = [part.log.scan_count for part in opened.logs]
     scans = None if None in counts else sum(count or 0 for count in counts)
-    with progress_of_logs(scans, quiet=plan.quiet) as advance:
-        for part in opened.logs:
-            report = add_log(
-                evidence,
-                part.log,
-                sensor=part.config.sensor,
-                method=plan.method,
-                threads=plan.threads,
-                progress=advance(),
-            )
-            total.include(report)
-    _note_held_out(evidence.provenance, opened.logs)
-    fitted = fit_to_map(plan, opened, evidence, total.skipped) if plan.auto else None
-    _note_posterior(evidence.provenance, fitted)
-    with working(f"saving {plan.output.name}", quiet=plan.quiet):
-        evidence.save(plan.output, force=plan.force)
-    votes = facts_of_votes(evidence, count_pairs(evidence))
-    facts = {**facts_of(evidence, plan.output), "own_votes_predicted": votes}
+    # What --auto looks up lies all over the map.
+    memory = None if plan.auto else plan.memory_bytes or default_budget()
+    with BudgetedMap(evidence, plan.output, memory) as building:
+        with progress_of_logs(scans, quiet=plan.quiet) as advance:
+            for part in opened.logs:
+                report = add_log(
+                    evidence,
+                    part.log,
+                    sensor=part.config.sensor,
+                    method=plan.method,
+                    threads=plan.threads,
+                    progress=advance(),
+                )
+                total.include(report)
+        _note_held_out(evidence.provenance, opened.logs)
+        fitted = fit_to_map(plan, opened, evidence, total.skipped) if plan.auto else None
+        _note_posterior(evidence.provenance, fitted)
+        with working(f"saving {plan.output.name}", quiet=plan.quiet):
+            totals = building.total(TotalsWithPairs)
+            building.save(force=plan.force)
+        facts = facts_of_building(building, totals, plan.output)
+    facts["own_votes_predicted"] = facts_of_votes(evidence, totals.counter.pairs())
     return facts | ({} if fitted is None else {"auto": fitted}), total
 
 
