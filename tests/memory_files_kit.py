@@ -56,6 +56,7 @@ def files(folder: Path) -> Repeat:
         saved.at([(3.0, 3.0)])
         saved.crop_box((2.0, 2.0), (4.0, 4.0)).bounds()
         saved.overview(50)
+        oddsmap.build_saved_map(lidar()[:5], CELL, folder / "disk.zarr", force=True)
         full_map().save(folder / "full.zarr", force=True)
         oddsmap.load_full_map(folder / "full.zarr").cells()
         for each in (view(), plane().reflection(), plane().decay_rate(), full_map()):

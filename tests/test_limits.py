@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from oddsmap import limits
-from oddsmap.errors import InputError, MapTooLargeError
+from oddsmap.errors import ConfigError, InputError, MapTooLargeError
 from oddsmap.evidence_map import build_map
 from oddsmap.limits import check_content_size, memory_for, memory_limit
 from oddsmap.readers import open_log
@@ -112,3 +112,34 @@ def test_mapping_and_reading_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("oddsmap.readers.npz_beams._directions", fail)
     with pytest.raises(MapTooLargeError, match=r"no memory for the log .*a\.npz: split it"):
         open_log(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    ("memory", "size"),
+    [
+        ("4GB", 4_000_000_000),
+        (" 500 mb ", 500_000_000),
+        ("1.5GiB", 3 << 29),
+        ("64 MiB", 1 << 26),
+        ("1TB", 10**12),
+        (1 << 30, 1 << 30),
+    ],
+)
+def test_sizes_of_memory(memory: int | str, size: int) -> None:
+    assert limits.bytes_of(memory) == size
+
+
+@pytest.mark.parametrize("memory", ["4", "", "GB", "-4GB", "4 GB more", "nan", True, 1.5, "1kB"])
+def test_what_is_no_size_of_memory(memory: int | str) -> None:
+    with pytest.raises(ConfigError, match="memory"):
+        limits.bytes_of(memory)
+
+
+def test_the_default_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert 0 < limits.default_budget() <= limits.memory_limit() // 2
+    facts = tmp_path / "meminfo"
+    facts.write_text("MemTotal: 9 kB\nMemAvailable:     3000 kB\n")
+    assert limits._available_memory(facts) == 3_072_000
+    facts.write_text("MemTotal: 9 kB\n")
+    assert limits._available_memory(facts) == 1 << 62
+    assert limits._available_memory(tmp_path / "none") == 1 << 62

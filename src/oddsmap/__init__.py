@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         OddsmapError,
         OutputError,
     )
-    from oddsmap.evidence_map import EvidenceMap, build_map, load_map
+    from oddsmap.evidence_map import EvidenceMap, build_map, build_saved_map, load_map
     from oddsmap.forward.beams import Beams
     from oddsmap.forward.model import ForwardModel
     from oddsmap.forward.occupancy_box import Window
@@ -139,6 +139,7 @@ __all__ = [
     "build_full_map",
     "build_map",
     "build_reflection_map",
+    "build_saved_map",
     "calibrate",
     "changed",
     "check_log",
@@ -216,6 +217,7 @@ _HOME = {
     "build_full_map": "full_map.estimator",
     "build_map": "evidence_map",
     "build_reflection_map": "full_map.reflection",
+    "build_saved_map": "evidence_map",
     "calibrate": "scoring.calibration",
     "changed": "posterior.changes",
     "compare": "posterior.comparison",

@@ -7,21 +7,18 @@ Every posterior is a view of the evidence, made when it is asked for.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
-from typing import TYPE_CHECKING, Any, Self
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Self
 
 from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.integrate.add import add_log, ndim_of
 from oddsmap.integrate.add_more import add_more
-from oddsmap.integrate.forgetting import last_number, last_stamp, numbered
+from oddsmap.integrate.whole_log import add_whole_log, begin_map
 from oddsmap.plot.thumbnail import Pictured, Thumbnail
-from oddsmap.scans.given_scans import scans_alone, scans_given
-from oddsmap.scans.log import Log, parts_of
+from oddsmap.scans.log import Log
 from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.report import Report
-from oddsmap.sensors.registry import Sensor, agreeing, sensor_of_log
+from oddsmap.sensors.registry import Sensor
 
 if TYPE_CHECKING:
     from typing import Unpack
@@ -38,11 +35,12 @@ if TYPE_CHECKING:
     from oddsmap.posterior.neighbour_model import NeighbourModel
     from oddsmap.posterior.prior import MapLike
     from oddsmap.posterior.reflection import IntervalKind, Reflection
+    from oddsmap.scale.build_on_disk import SavedMapOptions
     from oddsmap.scale.saved_map import SavedMap
     from oddsmap.viewer.map_widget import MapWidget
     from oddsmap.viewer.notebook import Bundle
 
-__all__ = ["EvidenceMap", "build_map", "load_map"]
+__all__ = ["EvidenceMap", "build_map", "build_saved_map", "load_map"]
 
 
 class EvidenceMap(Evidence, Pictured):
@@ -331,47 +329,54 @@ def build_map(
         ConfigError: a parameter outside its range.
         MapTooLargeError: the map, or one scan of it, would not fit in memory.
     """
-    taken: Any = scans_given(log)
-    if half_life is not None and t_ref_ns is None:
-        taken = list(taken) if isinstance(taken, Iterator) else taken
-        t_ref_ns = last_stamp(taken)
-    if half_life_scans is not None:
-        if not hasattr(taken, "sensors"):
-            taken = list(scans_alone(taken))
-            if all(scan.number is None for scan in taken):
-                taken = list(numbered(taken))
-        if ref_scan is None:
-            ref_scan = last_number(taken)
-    # Sensors that state different things are one model each; whoever gives the sensor has decided.
-    taken, *others = parts_of(taken) if sensor is None else [taken]
-    scans = scans_alone(taken)
-    first = next(scans, None)
-    ahead = scans if first is None else chain([first], scans)
-    if sensor is None:
-        sensor = sensor_of_log(taken, first=first)
-        if not hasattr(taken, "sensor"):
-            ahead = agreeing(ahead, getattr(first, "stated", {}))
-    ndim = ndim_of(first)
-    evidence = EvidenceMap(
-        resolution, votes=votes, half_life=half_life, t_ref_ns=t_ref_ns,
-        half_life_scans=half_life_scans, ref_scan=ref_scan,
-        path_lengths=path_lengths, sensor=sensor, ndim=ndim,
+    evidence, parts = begin_map(
+        EvidenceMap, log, resolution, sensor=sensor, votes=votes, half_life=half_life,
+        t_ref_ns=t_ref_ns, half_life_scans=half_life_scans, ref_scan=ref_scan,
+        path_lengths=path_lengths,
     )  # fmt: skip
-    evidence.report = add_log(
-        evidence, taken, scans=ahead, method=method, threads=threads, progress=progress
+    evidence.report = add_whole_log(
+        evidence, parts, method=method, threads=threads, progress=progress
     )
-    for part in others:
-        report = add_log(
-            evidence, part, sensor=sensor_of_log(part), method=method, threads=threads,
-            progress=None if progress is None else _from(evidence.report.scans, progress),
-        )  # fmt: skip
-        evidence.report.include(report)
     return evidence
 
 
-def _from(before: int, progress: Callable[[int], None]) -> Callable[[int], None]:
-    """Progress that goes on where another log ended."""
-    return lambda done: progress(before + done)
+def build_saved_map(
+    log: Log | Measurement | Iterable[Measurement],
+    resolution: float,
+    path: str | os.PathLike[str],
+    *,
+    memory: int | str | None = None,
+    force: bool = False,
+    **options: Unpack[SavedMapOptions],
+) -> SavedMap[EvidenceMap]:
+    """Map a log into a folder, also where the map is larger than memory.
+
+    The map is that of `build_map(...).save(path)`, to the bit. Where it would take more memory than
+    it may, what there is of it goes to the disk beside the folder, and is added up in the end,
+    shard by shard.
+
+    Args:
+        log: what `open_log` returns, any scans, or one.
+        resolution: side of a cell [m].
+        path: folder to make, by custom with the suffix .zarr.
+        memory: bytes that the map may take in memory while it is built, or a text as "4GB"; None:
+            half of what is free when this is called. One scan's cells are held whole, and Python
+            with its libraries takes 0.2 GB beside that.
+        force: True if an existing map may be replaced.
+        options: as in `build_map`: sensor, votes, half_life, t_ref_ns, half_life_scans, ref_scan,
+            path_lengths, method, threads and progress.
+
+    Returns:
+        The saved map; its `report` says what was used and what was skipped.
+
+    Raises:
+        InputError, ConfigError, MapTooLargeError: as in `build_map`; memory that is no size, or
+            below 32 MB.
+        OutputError: the folder cannot be written, or the disk is full.
+    """
+    from oddsmap.scale.build_on_disk import build_on_disk
+
+    return build_on_disk(EvidenceMap, log, resolution, path, memory=memory, force=force, **options)
 
 
 def load_map(

@@ -4,19 +4,22 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from oddsmap.errors import InputError, MapTooLargeError, OddsmapError
+from oddsmap.errors import ConfigError, InputError, MapTooLargeError, OddsmapError, shown
 
 __all__ = [
     "MAX_COORDINATE",
     "TILE_SIDE",
     "TOO_LONG",
+    "bytes_of",
     "check_content_size",
+    "default_budget",
     "in_metres",
     "memory_for",
     "memory_limit",
@@ -33,6 +36,7 @@ MAX_COORDINATE = float(1 << 45)
 TILE_SIDE = {2: 32, 3: 8}
 
 _NO_LIMIT = 1 << 62
+_LEAST_BUDGET = 32_000_000
 
 
 def in_metres(length: float) -> str:
@@ -46,6 +50,36 @@ def memory_limit() -> int:
     That is the machine's memory, or less where a container (cgroup v1 or v2) or `ulimit` says so.
     """
     return int(0.8 * min(_machine_memory(), _container_memory(), _ulimit_memory()))
+
+
+def default_budget() -> int:
+    """Bytes that a map takes before parts of it are kept on the disk, where nobody says it.
+
+    Half of what is free when this is asked, and no more than half of `memory_limit`.
+    """
+    return min(memory_limit(), _available_memory()) // 2
+
+
+def bytes_of(memory: int | str) -> int:
+    """A budget of memory in bytes.
+
+    Args:
+        memory: bytes, or a number with its unit, as "4GB", "500 MB" or "4 GiB".
+
+    Raises:
+        ConfigError: it is none, or below 32 MB, of which no scan leaves much.
+    """
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([kMGT]i?B)\s*", str(memory), re.IGNORECASE)
+    if isinstance(memory, int) and not isinstance(memory, bool):
+        size = memory
+    elif found is None:
+        raise ConfigError(f"memory is a number with its unit, as 4GB or 500MB, got {shown(memory)}")
+    else:
+        power = "kmgt".index(found[2][0].lower()) + 1
+        size = int(float(found[1]) * (1024 if "i" in found[2].lower() else 1000) ** power)
+    if size < _LEAST_BUDGET:
+        raise ConfigError(f"memory: at least 32MB are needed, got {shown(memory)}")
+    return size
 
 
 def check_content_size(where: object, size: int, what: str) -> None:
@@ -88,6 +122,17 @@ def _machine_memory() -> int:
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (ValueError, OSError):  # a system without these names
+        return _NO_LIMIT
+
+
+def _available_memory(facts: Path = Path("/proc/meminfo")) -> int:
+    """Bytes that are free now, or would be for who asks, as Linux estimates it."""
+    try:
+        lines = facts.read_text(encoding="ascii").splitlines()
+        return 1024 * next(
+            int(line.split()[1]) for line in lines if line.startswith("MemAvailable")
+        )
+    except (OSError, ValueError, LookupError, StopIteration):
         return _NO_LIMIT
 
 

@@ -51,6 +51,8 @@ HELP = """Map one or more logs: in 2D or 3D, as their scans are.
   oddsmap build sonar.npz --resolution 0.1 --estimator full-map -o sonar.zarr
   oddsmap build intel.log.gz --resolution 0.05 --auto -o intel.zarr
                                                     (sensor fitted to the log)
+  oddsmap build town/ --resolution 0.1 --memory 4GB -o town.zarr
+                                                    (maps larger than memory)
   oddsmap build sonar.npz --resolution 0.1 --hold-out 0.1 -o sonar.zarr
                                                     (see oddsmap score)
 
@@ -154,6 +156,14 @@ def build(
             "that their neighbours do not tell what they see.",
         ),
     ] = False,
+    memory: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIZE",
+            help="What the map may take in memory, as 4GB; beyond it parts wait on the disk. By "
+            "default half of what is free.",
+        ),
+    ] = None,
     force: Annotated[bool, force_option("an existing map")] = False,
     as_json: Annotated[bool, json_option("the summary")] = False,
     quiet: Quiet = False,
@@ -184,6 +194,7 @@ def build(
         hold_out=hold_out,
         blocks=blocks,
         auto=auto,
+        memory=memory,
         quiet=voice.still,
     )
     opened = open_logs(plan)

@@ -77,6 +77,7 @@ class BuildPlan:
         hold_out: the share of scans to keep back; None: no scan.
         blocks: whether these are whole runs of scans.
         auto: whether the sensor is fitted to the logs.
+        memory: what the map may take in memory, as "4GB"; None: half of what is free.
         quiet: whether to show no progress.
 
     Raises:
@@ -96,6 +97,7 @@ class BuildPlan:
     hold_out: float | None = None
     blocks: bool = False
     auto: bool = False
+    memory: str | None = None
     quiet: bool = False
 
     def __post_init__(self) -> None:
@@ -103,7 +105,7 @@ class BuildPlan:
 
         check_name(self.settings.sensor)
         self._check_estimator()
-        _ = self.hold_out_every
+        _ = self.hold_out_every, self.memory_bytes
         if self.blocks and self.hold_out is None:
             raise ConfigError("--blocks says which scans are kept back: add --hold-out 0.1")
         self._check_append()
@@ -129,6 +131,7 @@ class BuildPlan:
             return
         for given, option, why in (
             (self.force, "--force", "replaces the map that --append adds to"),
+            (self.memory, "--memory", "bounds a new map: what is added is held in memory"),
             (self.auto, "--auto", "fits the sensor to all logs of a map"),
             (self.estimator == "full-map", "--estimator full-map", "makes maps that do not add up"),
         ):
@@ -145,6 +148,23 @@ class BuildPlan:
             raise ConfigError(f"--method {self.method} belongs to --estimator filter")
         if not full_map and self.settings.sweeps is not None:
             raise ConfigError("--sweeps belongs to --estimator full-map")
+
+    @cached_property
+    def memory_bytes(self) -> int | None:
+        """Bytes that the map may take in memory; None: not stated.
+
+        Raises:
+            ConfigError: it is no size, or does not go with the other options.
+        """
+        from oddsmap.errors import ConfigError
+        from oddsmap.limits import bytes_of
+
+        if self.memory is None:
+            return None
+        if self.auto or self.estimator == "full-map":
+            why = "--auto looks all over the map" if self.auto else "a full map is kept whole"
+            raise ConfigError(f"--memory belongs to --estimator filter alone: {why}")
+        return bytes_of(self.memory)
 
     def _check_settings(self) -> None:
         self.layers.check_estimator(self.estimator)

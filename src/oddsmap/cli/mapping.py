@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.auto import fit_to_map
 from oddsmap.cli.progress import progress_of_logs, progress_of_sweeps, working
-from oddsmap.cli.summary import facts_of, facts_of_full_map
+from oddsmap.cli.summary import facts_of_building, facts_of_full_map
 
 if TYPE_CHECKING:
     from oddsmap.cli.build_plan import BuildPlan
@@ -39,16 +39,22 @@ def make_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
 def _evidence_map(plan: BuildPlan, opened: OpenedLogs) -> Made:
     """Map with the filter and save."""
     from oddsmap.cli.bounds_of_trust import facts_of_votes
-    from oddsmap.posterior.count_pairs import count_pairs
+    from oddsmap.limits import default_budget
+    from oddsmap.posterior.count_pairs import TotalsWithPairs
+    from oddsmap.scale.budgeted_map import BudgetedMap
 
     evidence = _empty_map(opened)
-    total = _fill(evidence, plan, opened)
-    fitted = fit_to_map(plan, opened, evidence, total.skipped) if plan.auto else None
-    _note_posterior(evidence.provenance, fitted)
-    with working(f"saving {plan.output.name}", quiet=plan.quiet):
-        evidence.save(plan.output, force=plan.force)
-    votes = facts_of_votes(evidence, count_pairs(evidence))
-    facts = {**facts_of(evidence, plan.output), "own_votes_predicted": votes}
+    # What --auto looks up lies all over the map.
+    memory = None if plan.auto else plan.memory_bytes or default_budget()
+    with BudgetedMap(evidence, plan.output, memory) as building:
+        total = _fill(evidence, plan, opened)
+        fitted = fit_to_map(plan, opened, evidence, total.skipped) if plan.auto else None
+        _note_posterior(evidence.provenance, fitted)
+        with working(f"saving {plan.output.name}", quiet=plan.quiet):
+            totals = building.total(TotalsWithPairs)
+            building.save(force=plan.force)
+        facts = facts_of_building(building, totals, plan.output)
+    facts["own_votes_predicted"] = facts_of_votes(evidence, totals.counter.pairs())
     return facts | ({} if fitted is None else {"auto": fitted}), total, []
 
 

@@ -13,10 +13,12 @@ from oddsmap.cli.auto import lines_of_auto
 from oddsmap.cli.bounds_of_trust import trust_line
 
 if TYPE_CHECKING:
+    from oddsmap.evidence.saved_totals import SavedTotals
     from oddsmap.evidence_map import EvidenceMap
     from oddsmap.full_map.full_map import FullMap
+    from oddsmap.scale.budgeted_map import BudgetedMap
 
-__all__ = ["facts_of", "facts_of_full_map", "lines", "lines_of_map"]
+__all__ = ["facts_of", "facts_of_building", "facts_of_full_map", "lines", "lines_of_map"]
 
 
 def facts_of(evidence: EvidenceMap, output: Path) -> dict[str, Any]:
@@ -30,7 +32,26 @@ def facts_of(evidence: EvidenceMap, output: Path) -> dict[str, Any]:
         "votes": evidence.votes,
         "hits": census.hits / ONE,
         "passes": census.passes / ONE,
-        **_extent(census.cells, evidence, output),
+        **_extent(census.cells, evidence, evidence.nbytes, output),
+    }
+
+
+def facts_of_building(
+    building: BudgetedMap[EvidenceMap], totals: SavedTotals, output: Path
+) -> dict[str, Any]:
+    """What there is to say of a map that was built within a budget of memory, and saved."""
+    from oddsmap.kernels.units import ONE
+
+    evidence, count = building.evidence, building.spill_count
+    spilled = {"spilled": {"times": count, "bytes": building.spilled_bytes}} if count else {}
+    return {
+        "output": str(output),
+        "resolution": evidence.resolution,
+        "votes": evidence.votes,
+        "hits": totals.hits / ONE,
+        "passes": totals.passes / ONE,
+        **_extent(totals.cells, evidence, building.most_bytes, output),
+        **spilled,
     }
 
 
@@ -46,15 +67,15 @@ def facts_of_full_map(full_map: FullMap, output: Path) -> dict[str, Any]:
         "converged": full_map.converged,
         "hits": None,
         "passes": None,
-        **_extent(full_map.cell_count, full_map, output),
+        **_extent(full_map.cell_count, full_map, full_map.nbytes, output),
     }
 
 
-def _extent(known: int, grid: EvidenceMap | FullMap, output: Path) -> dict[str, Any]:
+def _extent(known: int, grid: EvidenceMap | FullMap, nbytes: int, output: Path) -> dict[str, Any]:
     return {
         "cells_known": known,
         "area_m2" if grid.ndim == 2 else "volume_m3": round(known * grid.resolution**grid.ndim, 3),
-        "bytes_in_memory": grid.nbytes,
+        "bytes_in_memory": nbytes,
         "bytes_on_disk": sum(file.stat().st_size for file in output.rglob("*") if file.is_file()),
     }
 
@@ -75,6 +96,12 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
         f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "
         f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
     )
+    if "spilled" in facts:
+        times, size = facts["spilled"]["times"], facts["spilled"]["bytes"]
+        yield (
+            f"memory   full {times:,} times (--memory): {size / 1e6:,.0f} MB of partial sums were "
+            "kept on the disk meanwhile"
+        )
     if "sweeps" in facts:
         moving, unit, more = _MOVING[facts["method"]]
         state = "at rest" if facts["converged"] else f"NOT at rest: more {more} may be needed"

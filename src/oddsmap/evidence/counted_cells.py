@@ -168,7 +168,7 @@ class CountedCells(Placed):
 
     def new_tiles(self) -> TileStore:
         """An empty store of the same shape, to be filled alongside this one and added to it."""
-        return TileStore(self.ndim, self.tiles.side)
+        return self.tiles.like()
 
     def record(self, path: str | os.PathLike[str] | None, **facts: object) -> None:
         """Note in `provenance` where evidence came from; facts are plain values for JSON."""

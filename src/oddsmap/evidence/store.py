@@ -15,9 +15,10 @@ itself; docs/formats.md lists every attribute.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -60,7 +61,15 @@ from oddsmap.map_files.zarr_header import (
 from oddsmap.map_files.zarr_shards import SavedShards
 from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 
-__all__ = ["is_map", "read_empty", "read_map", "save_map"]
+__all__ = [
+    "MapWriter",
+    "is_map",
+    "new_saved_map",
+    "read_empty",
+    "read_map",
+    "save_map",
+    "stores_of",
+]
 
 E = TypeVar("E", bound=Evidence)
 
@@ -87,13 +96,85 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
     Raises:
         OutputError: it exists and `force` is False, or is no map, or cannot be written.
     """
-    d = evidence.ndim
+    censuses = [tiles.census() for tiles in stores_of(evidence)]
+    with new_saved_map(evidence, censuses, path, force=force) as writer:
+        do_side_by_side(writer.write, writer.shards(evidence))
+
+
+def stores_of(evidence: Evidence) -> list[TileStore]:
+    """The stores of tiles that a map is saved from: votes, and lengths where it keeps them."""
+    return [evidence.tiles, *([] if evidence.lengths is None else [evidence.lengths])]
+
+
+class _Stored(NamedTuple):
+    """How one store of tiles is saved."""
+
+    channels: tuple[int, ...]
+    names: tuple[str, ...]
+    unit: int
+    dtype: np.dtype[Any]
+
+
+class _ToWrite(NamedTuple):
+    """The tiles of one shard, and how they are saved."""
+
+    stored: _Stored
+    tiles: TileStore
+    shard: ShardBlocks
+
+
+class MapWriter:
+    """A map's folder that is being filled, by one part of the map after the other."""
+
+    def __init__(
+        self, folder: NewFolder, censuses: Sequence[Census], first_place: IntArray
+    ) -> None:
+        self._folder, self._first_place = folder, first_place
+        self._stored = []
+        kinds = [((HITS, PASSES), _VOTES), ((PASSES,), _LENGTHS)]
+        for (channels, texts), census in zip(kinds, censuses, strict=False):
+            unit = ONE if census.whole_votes else 1
+            dtype = np.min_scalar_type(census.largest // unit)
+            for name, text in texts.items():
+                folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
+            self._stored.append(_Stored(channels, tuple(texts), unit, dtype))
+
+    def shards(self, part: Evidence) -> Iterator[_ToWrite]:
+        """What is to be written of a part of the map; no shard is in two of them."""
+        for stored, tiles in zip(self._stored, stores_of(part), strict=True):
+            # Only a caller's own tiles reach over a chunk.
+            d = tiles.ndim
+            fitting = tiles if CHUNK[d] % tiles.side == 0 else retiled(tiles, TILE_SIDE[d])
+            for shard in blocks_by_shard(fitting.coords, fitting.side):
+                yield _ToWrite(stored, fitting, shard)
+
+    def write(self, one: _ToWrite) -> None:
+        """Write a shard; threads may write several."""
+        stored, tiles, shard = one
+        place = tuple((shard.place - self._first_place)[::-1].tolist())
+        for name, channel in zip(stored.names, stored.channels, strict=True):
+            counts = counts_of(tiles, shard.blocks, channel, stored.unit, stored.dtype)
+            chunks = shard.to_chunks(counts, tiles.side)
+            self._folder.write(name, place, shard.numbers, chunks)
+
+
+@contextmanager
+def new_saved_map(
+    like: Evidence, censuses: Sequence[Census], path: str | os.PathLike[str], *, force: bool
+) -> Iterator[MapWriter]:
+    """Write a map by parts; the old one stays in place until the new one is complete.
+
+    Args:
+        like: a map of the same configuration and provenance.
+        censuses: of each of its `stores_of`, what all parts together hold.
+        path: folder to make.
+        force: True if an existing map may be replaced.
+
+    Raises:
+        OutputError: as in `save_map`.
+    """
+    d = like.ndim
     shard = SHARD[d]
-    stored: list[tuple[TileStore, tuple[int, ...], dict[str, str]]]
-    stored = [(evidence.tiles, (HITS, PASSES), _VOTES)]
-    if evidence.lengths is not None:
-        stored.append((evidence.lengths, (PASSES,), _LENGTHS))
-    censuses = [tiles.census() for tiles, _, _ in stored]
     boxes = [census.bounds for census in censuses if census.bounds is not None]
     boxes = boxes or [(np.zeros(d, np.int64), np.ones(d, np.int64))]
     lo = np.min([first for first, _ in boxes], axis=0)
@@ -101,37 +182,8 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
     first = lo // shard * shard
     shape = tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
     with new_folder(Path(path), shape, force=force) as folder:
-        for (tiles, channels, texts), census in zip(stored, censuses, strict=True):
-            _write(folder, tiles, channels, texts, census, first // shard)
-        folder.seal(_attributes(evidence, first, lo, hi))
-
-
-def _write(
-    folder: NewFolder,
-    tiles: TileStore,
-    channels: tuple[int, ...],
-    texts: Mapping[str, str],
-    census: Census,
-    first_place: IntArray,
-) -> None:
-    """Write one or both kinds of weights of tiles."""
-    unit = ONE if census.whole_votes else 1
-    dtype = np.min_scalar_type(census.largest // unit)
-    for name, text in texts.items():
-        folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
-    # Only a caller's own tiles reach over a chunk.
-    fitting = (
-        tiles if CHUNK[tiles.ndim] % tiles.side == 0 else retiled(tiles, TILE_SIDE[tiles.ndim])
-    )
-
-    def write(shard: ShardBlocks) -> None:
-        place = tuple((shard.place - first_place)[::-1].tolist())
-        for name, channel in zip(texts, channels, strict=True):
-            counts = counts_of(fitting, shard.blocks, channel, unit, dtype)
-            chunks = shard.to_chunks(counts, fitting.side)
-            folder.write(name, place, shard.numbers, chunks)
-
-    do_side_by_side(write, blocks_by_shard(fitting.coords, fitting.side))
+        yield MapWriter(folder, censuses, first // shard)
+        folder.seal(_attributes(like, first, lo, hi))
 
 
 def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray) -> dict[str, Any]:

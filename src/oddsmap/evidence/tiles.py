@@ -37,7 +37,7 @@ from oddsmap.kernels.vote.tiles import (
 )
 from oddsmap.limits import memory_limit
 
-__all__ = ["HEAVIEST", "PART", "Census", "TileStore", "distinct_rows"]
+__all__ = ["HEAVIEST", "NOTHING", "PART", "Census", "TileStore", "distinct_rows"]
 
 HEAVIEST = MAX_UNITS + (255 << FRACTION_BITS)
 """The most units of a cell: 255 whole votes are counted apart before the limit is looked at."""
@@ -74,6 +74,24 @@ class Census(NamedTuple):
     bounds: tuple[IntArray, IntArray] | None
     """First index and one past the last, shape (ndim,) each, x first; None where it is empty."""
 
+    def joined(self, other: Census) -> Census:
+        """What is in two stores that have no cell in common."""
+        boxes = [box for box in (self.bounds, other.bounds) if box is not None]
+        return Census(
+            cells=self.cells + other.cells,
+            hits=self.hits + other.hits,
+            passes=self.passes + other.passes,
+            largest=max(self.largest, other.largest),
+            whole_votes=self.whole_votes and other.whole_votes,
+            bounds=(
+                np.min([lo for lo, _ in boxes], axis=0), np.max([hi for _, hi in boxes], axis=0)
+            ) if boxes else None,
+        )  # fmt: skip
+
+
+NOTHING = Census(0, 0, 0, 0, True, None)
+"""What is in an empty store."""
+
 
 class TileStore:
     """Hits and passes in tiles of `side`^`ndim` cells, found by hash.
@@ -89,6 +107,10 @@ class TileStore:
         self.ndim = ndim
         self.side = side
         self.arrays = self._empty(0, 0)
+
+    def like(self) -> TileStore:
+        """An empty store of the same shape."""
+        return TileStore(self.ndim, self.side)
 
     def _empty(self, tiles: int, wide: int) -> TileArrays:
         cells = self.side**self.ndim
@@ -188,7 +210,7 @@ class TileStore:
             raise MapTooLargeError(
                 f"the map has reached {self.nbytes / 1e9:.1f} GB in {used} tiles and must grow: "
                 f"this machine's memory of {limit / 1e9:.1f} GB does not allow it; use a coarser "
-                "resolution, or map a part of the log"
+                "resolution, or oddsmap.build_saved_map, which keeps parts of it on the disk"
             )
         if used + tiles > capacity:
             capacity = max(used + tiles, min(_GROWTH * capacity, limit // self._bytes(1, 0)))

@@ -135,6 +135,7 @@ class Integrator2D:
                 self.tiles.arrays, self.tiles.side, scans, first,
                 self._mark_window[0], block, self._room,
             ),
+            fractional=False,
         )  # fmt: skip
 
     def _count(self, scans: ScanCells) -> None:
@@ -161,14 +162,24 @@ class Integrator2D:
             ),
         )  # fmt: skip
 
-    def _run(self, scans: ScanCells, add_from: Callable[[int], tuple[int, int]]) -> None:
-        """Add all scans; `add_from` adds from one on, while there is room for tiles."""
+    def _run(
+        self,
+        scans: ScanCells,
+        add_from: Callable[[int], tuple[int, int]],
+        *,
+        fractional: bool = True,
+    ) -> None:
+        """Add all scans; `add_from` adds from one on, while there is room for tiles.
+
+        `fractional`: whether they may need wide rows, see `has_room`.
+        """
         first, status = 0, FULL
         while status != DONE:
             first, status = add_from(first)
             if status == FULL:
                 window = int((scans.tiles_hi[first] - scans.tiles_lo[first]).prod())
-                self.tiles.reserve(window, window)
+                wide = window if fractional or self.tiles.any_full else 0
+                self.tiles.reserve(window, wide)
             elif status != DONE:
                 raise MapTooLargeError(
                     "a cell's weight has passed 2^46 votes: the same evidence was added many times"

@@ -9,9 +9,17 @@ import numpy as np
 
 from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.evidence.evidence import Evidence
+from oddsmap.evidence.saved_totals import SavedTotals
 from oddsmap.kernels.units import ONE
 
-__all__ = ["FEW_PAIRS", "CountPairs", "PairCounter", "count_pairs", "few_pairs"]
+__all__ = [
+    "FEW_PAIRS",
+    "CountPairs",
+    "PairCounter",
+    "TotalsWithPairs",
+    "count_pairs",
+    "few_pairs",
+]
 
 # Weights that fade or are shared have few pairs in common; beyond this many they are rounded to a
 # sixteenth of a vote, which no fit can tell from themselves.
@@ -137,3 +145,16 @@ class PairCounter:
         first = np.flatnonzero(new)
         self._hits, self._passes = hits[first], passes[first]
         self._cells = np.add.reduceat(cells, first) if len(first) else cells
+
+
+class TotalsWithPairs(SavedTotals):
+    """What is in a map by parts, with its pairs of counts."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.counter = PairCounter()
+
+    def add(self, part: Evidence) -> None:
+        """Count and sum a part of the map; no cell is in two of them."""
+        super().add(part)
+        self.counter.add_map(part)

@@ -30,6 +30,7 @@ from oddsmap.posterior.neighbour_view import NeighbourView
 from oddsmap.query.places import Placed, points_in
 from oddsmap.query.queries import PointStates
 from oddsmap.scale.low_zoom import LowZoom
+from oddsmap.scans.report import Report
 from oddsmap.short_repr import counted, described, grid_facts
 
 __all__ = ["SavedMap"]
@@ -55,6 +56,9 @@ class SavedMap(Placed, Generic[E]):
     Other Args:
         cache: bytes of shards that are kept in memory for questions about points.
 
+    Attributes:
+        report: what was used and what was skipped, where `build_saved_map` has just built it.
+
     Raises:
         InputError: not a map, or its header is damaged. Later, from whatever reads: a shard is
             damaged or missing, or the map has changed since it was opened.
@@ -67,6 +71,7 @@ class SavedMap(Placed, Generic[E]):
         self._saved = SavedParts(path, kind)
         self._cache_bytes = cache
         self._kept: OrderedDict[tuple[int, ...], E] = OrderedDict()
+        self.report: Report | None = None
 
     def __repr__(self) -> str:
         return described(self, self._facts)
