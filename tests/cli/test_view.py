@@ -11,14 +11,18 @@ import sys
 import urllib.request
 import webbrowser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from oddsmap import EvidenceMap
+from oddsmap import EvidenceMap, build_map, load_map, open_log
 from oddsmap.kernels.units import ONE
 from tests.cli.conftest import Run
+from tests.kit import votes_of
 from tests.saved_maps_kit import full_map
+from tests.viewer.journey_kit import read_payload
+from tests.viewer.payload_kit import cells_of
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -59,12 +63,123 @@ def test_kinds_of_maps_that_the_page_does_not_show(run: Run, tmp_path: Path) -> 
         ("full.zarr", "a full map has no counts"),
         ("ros.yaml", "a ROS map has no counts"),
         ("ros.pgm", "an image says no resolution"),
-        ("seen.csv", "not a saved map"),
+        ("seen.csv", "unknown file type"),
     ):
         line = run("view", tmp_path / name, "-o", tmp_path / "m.html").line
         assert line.startswith(f"{tmp_path / name}: ")
         assert said in line
     assert not (tmp_path / "m.html").exists()
+
+
+def data_of(page: Path) -> tuple[bytes, bytes | None]:
+    """What the page holds of a map, and of its log."""
+    text = page.read_text(encoding="utf-8")
+    found = {
+        name: bytes_of(part, int(size))
+        for name, size, part in re.findall(
+            r'<script type="text/plain" id="(\w+)" data-bytes="(\d+)">([^<]*)<', text
+        )
+    }
+    return found["payload"], found.get("log")
+
+
+def bytes_of(text: str, length: int) -> bytes:
+    """`oddsmap.viewer.text` undone, in whole numbers of a thousand digits."""
+    digits = {
+        chr(code): i for i, code in enumerate(c for c in range(33, 127) if chr(c) not in '"&<')
+    }
+    parts = []
+    for at in range(0, len(text), 2000 - 2000 % 16):
+        block, whole = text[at : at + 2000 - 2000 % 16], 0
+        for a, b in zip(block[::2], block[1::2], strict=True):
+            whole = whole << 13 | (digits[a] * 91 + digits[b])
+        parts.append(whole.to_bytes(len(block) // 16 * 13, "big"))
+    return b"".join(parts)[:length]
+
+
+def test_a_map_with_its_log(run: Run, office: Path, tmp_path: Path) -> None:
+    build_map(open_log(office), 0.1).save(tmp_path / "m.zarr")
+    alone, both = tmp_path / "alone.html", tmp_path / "both.html"
+    assert run("view", tmp_path / "m.zarr", "-o", alone).status == 0
+    done = run("view", tmp_path / "m.zarr", office, "-o", both)
+    assert (done.out, done.err) == (f"wrote    {both}\n", "")
+    (of_map, nothing), (same, log) = data_of(alone), data_of(both)
+    assert nothing is None
+    assert log is not None
+    assert same == of_map
+    journey = read_payload(log)
+    assert journey.facts["why"] == ["oddsmap", "why", "m.zarr", "office.log.gz"]
+    assert (journey.facts["served"], journey.facts["kept"]) == (False, True)
+    assert journey.facts["build"] is None
+    assert len(journey.places) == len(journey.ends) == 20
+    for place, pose in zip(journey.places, open_log(office).poses, strict=True):
+        assert place == pytest.approx(pose.translation, abs=1e-4)
+    assert str(tmp_path) not in both.read_text(encoding="utf-8")
+
+
+def test_a_log_alone_is_mapped_as_build_does(run: Run, office: Path, tmp_path: Path) -> None:
+    page, built = tmp_path / "office.html", tmp_path / "built.zarr"
+    for words, side in (([], "0.05"), (["--resolution", "0.2"], "0.2")):
+        done = run("view", office, "-o", page, *words, "--force")
+        command = f"oddsmap build office.log.gz --resolution {side} -o office.zarr"
+        assert f"mapped   office.log.gz at {side} m" in done.out
+        assert ("--resolution sets another side" in done.out) == (not words)
+        assert command in done.out
+        assert run("build", office, "--resolution", side, "-o", built, "--force").status == 0
+        payload, log = data_of(page)
+        one = 65536
+        votes = {cell: (h / one, p / one) for cell, (h, p) in votes_of(load_map(built)).items()}
+        assert cells_of(payload) == votes
+        assert log is not None
+        assert read_payload(log).facts["build"] == command
+
+
+def test_the_coarser_side_of_wide_beams_and_of_space(run: Run, tmp_path: Path) -> None:
+    flat = np.array([[0.0, 0.0, 0.1, 2.0], [0.1, 0.0, 0.5, 1.5]])
+    space = np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 2.0]])
+    logs: tuple[tuple[str, dict[str, Any], str], ...] = (
+        ("sonar", {"beams": flat, "cone_deg": 25.0, "range_max": 3.0}, "0.1"),
+        ("space", {"beams": space, "range_max": 3.0}, "0.1"),
+        ("laser", {"beams": flat, "cone_deg": 0.5, "range_max": 3.0}, "0.05"),
+    )
+    for name, arrays, side in logs:
+        np.savez(tmp_path / f"{name}.npz", **arrays)
+        done = run("view", tmp_path / f"{name}.npz", "-o", tmp_path / f"{name}.html")
+        assert f"at {side} m" in done.out
+
+
+def test_options_of_the_log_are_in_the_commands(run: Run, office: Path, tmp_path: Path) -> None:
+    page = tmp_path / "m.html"
+    assert run("view", office, "-o", page, "--skip-bad", "--resolution", "0.2").status == 0
+    log = data_of(page)[1]
+    assert log is not None
+    facts = read_payload(log).facts
+    assert facts["options"] == ["--skip-bad"]
+    assert "office.log.gz --skip-bad --resolution 0.2" in facts["build"]
+
+
+def test_what_does_not_go_together(run: Run, saved: Path, office: Path, tmp_path: Path) -> None:
+    page = tmp_path / "m.html"
+    space = EvidenceMap(0.1, ndim=3)
+    space.add_cells(np.array([[0, 0, 0]]), np.array([ONE]), np.array([0]))
+    space.save(tmp_path / "space.zarr")
+    for words, said in (
+        ([saved, "--resolution", "1"], "--resolution is for a log given alone"),
+        ([saved, office, "--resolution", "1"], "--resolution is for a log given alone"),
+        ([saved, "--skip-bad"], "--skip-bad says how a log is read"),
+        ([saved, saved], "is a saved map, not a log"),
+        ([office, office], "not a saved map"),
+        ([tmp_path / "space.zarr", office], "its scans are 2D, space.zarr is a 3D map"),
+        ([saved, tmp_path / "gone.log"], "no such file"),
+        ([office, "--resolution", "0"], "resolution"),
+    ):
+        assert said in run("view", *words, "-o", page).line
+    assert not page.exists()
+    grid = load_map(saved)
+    grid.record("other.log", scans=3)
+    grid.save(saved, force=True)
+    done = run("view", saved, office, "-o", page)
+    assert done.err == f"{office}: hall.zarr says that it was made of other.log, not of this log\n"
 
 
 # Shells let what runs in the background ignore Ctrl-C, and these tests may.

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import socket
 import struct
 import threading
@@ -11,14 +12,30 @@ from collections.abc import Iterator
 
 import pytest
 
+import oddsmap
 from oddsmap.errors import InputError
 from oddsmap.viewer.document import page_part
+from oddsmap.viewer.questions import LogQuestions
 from oddsmap.viewer.server import PageServer
+from tests.kit import random_scans
+from tests.viewer.journey_kit import log_of
 
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[PageServer]:
     with PageServer("a <b> map", b"what a map holds") as made:
+        thread = threading.Thread(target=made.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield made
+        made.shutdown()
+        thread.join()
+
+
+@pytest.fixture(scope="module")
+def with_log() -> Iterator[PageServer]:
+    log = log_of(random_scans(1, 8))
+    questions = LogQuestions(oddsmap.build_map(log, 0.25), log, 8)
+    with PageServer("m", b"", journey=b"where it was", questions=questions) as made:
         thread = threading.Thread(target=made.serve_forever, kwargs={"poll_interval": 0.01})
         thread.start()
         yield made
@@ -147,3 +164,78 @@ def test_who_goes_away_is_not_reported(
         raw.sendall(b"GET / HT")
     assert ask(server, "/")[0] == 404
     assert capfd.readouterr().err == ""
+
+
+def test_the_log_is_asked(with_log: PageServer) -> None:
+    root = f"/{secret(with_log)}/"
+    assert b'data-log="log.bin"' in ask(with_log, root)[2]
+    assert ask(with_log, f"{root}log.bin")[2] == b"where it was"
+    for query, key in (("why?at=0.5,-0.5", "looked_at"), ("scan?number=7", "returned")):
+        status, headers, content = ask(with_log, root + query)
+        assert (status, headers["Content-Type"]) == (200, "application/json")
+        assert key in json.loads(content)
+        assert headers["Cache-Control"] == "no-store"
+        assert headers["X-Content-Type-Options"] == "nosniff"
+
+
+QUESTIONS = ("why?at=0.5,-0.5", "scan?number=1", "log.bin")
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_who_may_ask(with_log: PageServer, server: PageServer, name: str) -> None:
+    known, port = secret(with_log), with_log.server_port
+    for path in (f"/{name}", f"/{known[:-1]}/{name}", f"/{known}/{name}/"):
+        assert ask(with_log, path)[0] in (400, 404), path
+    for host in (None, "evil.example", f"evil.example:{port}"):
+        assert ask(with_log, f"/{known}/{name}", host=host)[0] == 421
+    assert ask(server, f"/{secret(server)}/{name}")[0] == 404, "there is no log"
+
+
+@pytest.mark.parametrize("method", ["HEAD", "POST", "PUT", "OPTIONS"])
+def test_questions_are_asked_in_one_way(with_log: PageServer, method: str) -> None:
+    path = f"/{secret(with_log)}/why?at=0.5,-0.5"
+    status, headers, _ = ask(with_log, path, method=method)
+    assert status == (405 if method == "HEAD" else 501)
+    assert "Access-Control-Allow-Origin" not in headers
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("why?", "at=x,y, in metres"), ("why?at=1", "at=x,y, in metres"),
+        ("why?at=1,2,3", "at=x,y, in metres"), ("why?at=nan,nan", "at=x,y, in metres"),
+        ("why?at=1%2C2", "at=x,y, in metres"), ("why?at=1,2&at=1,2", "at=x,y, in metres"),
+        ("why?at=1,2#x", "at=x,y, in metres"), ("why?at=../map.bin", "at=x,y, in metres"),
+        ("why?at=" + "9" * 19 + ",0", "have no cell"), ("why?at=" + "9" * 4000, "at=x,y"),
+        ("scan?number=8", "from 0 to 7"), ("scan?number=-1", "from 0 to 7"),
+        ("scan?number=" + "9" * 4000, "from 0 to 7"), ("scan?at=1,2", "from 0 to 7"),
+    ],
+)  # fmt: skip
+def test_what_is_asked_is_checked(
+    with_log: PageServer, name: str, said: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    status, headers, content = ask(with_log, f"/{secret(with_log)}/{name}")
+    assert (status, headers["Content-Type"]) == (400, "text/plain; charset=utf-8")
+    line = content.decode()
+    assert said in line
+    assert line.count("\n") == 1
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "name", ["why", "scan", "WHY?at=1,2", "why%3fat=1,2", "x?at=1,2", "?", "map.bin?at=1,2"]
+)
+def test_other_questions(with_log: PageServer, name: str) -> None:
+    assert ask(with_log, f"/{secret(with_log)}/{name}")[0] == 404
+
+
+def test_whatever_goes_wrong_is_a_line(
+    with_log: PageServer, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ValueError("two\nlines")
+
+    monkeypatch.setattr("oddsmap.viewer.questions.why", fail)
+    status, _, content = ask(with_log, f"/{secret(with_log)}/why?at=0.5,-0.5")
+    assert (status, content) == (500, b"unexpected ValueError: two lines\n")
+    assert capfd.readouterr() == ("", "")

@@ -99,6 +99,27 @@ def test_scans_add_up_to_the_map(name: str) -> None:
     assert found.scans == ()
 
 
+@pytest.mark.parametrize("name", ["scan", "3D scan", "3D moving", "images"])
+def test_where_beams_lie(name: str) -> None:
+    """Each passes through the cell, on a ray that is its own."""
+    scans, options = MAPS[name]
+    grid = oddsmap.build_map(scans, CELL, **options)
+    for cell in cells_of(grid, 3):
+        found = oddsmap.why(grid, scans, grid.centre_of([cell])[0])
+        for vote in found.scans:
+            scan = scans[vote.index]
+            scan = scan.to_scan() if isinstance(scan, DepthScan) else scan
+            pose = scan.map_from_sensor
+            for beam, start, way in zip(vote.beams, vote.starts, vote.directions, strict=True):
+                origin = (
+                    np.zeros(len(cell)) if scan.beam_origins is None else scan.beam_origins[beam]
+                )
+                assert np.allclose(start, pose.rotation @ origin + pose.translation)
+                assert np.allclose(way, pose.rotation @ scan.directions[beam])
+                aside = (found.centre - start) - ((found.centre - start) @ way) * way
+                assert np.linalg.norm(aside) <= CELL * np.sqrt(len(cell)) / 2 + 1e-9
+
+
 @pytest.mark.parametrize("name", ["scan", "cones", "3D scan", "images"])
 def test_what_was_tried_is_forgotten(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The map in which scans are tried is emptied from time to time."""

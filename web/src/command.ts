@@ -6,7 +6,7 @@ import { isProbability } from "./posterior";
 import { type Settings, settingsOf } from "./settings";
 
 /** A word as a shell reads it. */
-const quoted = (word: string): string =>
+export const quoted = (word: string): string =>
   /^[\w@%+=:,./-]+$/.test(word) && !word.startsWith("-") ? word : `'${word.replaceAll("'", `'"'"'`)}'`;
 
 export function commandOf(facts: Facts, set: Settings): string {

@@ -10,18 +10,23 @@ export interface Moves {
   pointed(at: readonly [number, number] | null): void;
   /** Somebody works with the keys: what is described is in the middle. */
   keyed(): void;
+  /** Somebody asks about a pixel: by a click, or by Enter about the one in the middle. */
+  asked(at: readonly [number, number]): void;
 }
 
 const KEY_ZOOM = 1.5;
 /** Share of the screen that an arrow key moves by. */
 const KEY_PAN = 0.1;
 const NOTCH = 120;
+/** A pointer that moves farther while it is down drags [pixels of the page]. */
+const DRAG = 4;
 
 /** Listen on a canvas; gives what ends that. */
 export function listen(canvas: HTMLCanvasElement, camera: Camera, moves: Moves): AbortController {
   const ending = new AbortController();
   const { signal } = ending;
   const pointers = new Map<number, [number, number]>();
+  let down = { x: 0, y: 0 };
   const place = (event: MouseEvent): [number, number] => {
     const box = canvas.getBoundingClientRect();
     const pixels = camera.width / box.width;
@@ -30,6 +35,7 @@ export function listen(canvas: HTMLCanvasElement, camera: Camera, moves: Moves):
   canvas.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
     canvas.setPointerCapture(event.pointerId);
+    down = { x: event.clientX, y: event.clientY };
     pointers.set(event.pointerId, place(event));
     canvas.classList.add("held");
   }, { signal });
@@ -58,6 +64,11 @@ export function listen(canvas: HTMLCanvasElement, camera: Camera, moves: Moves):
     }, { signal });
   }
   canvas.addEventListener("pointerleave", () => moves.pointed(null), { signal });
+  canvas.addEventListener("click", (event) => {
+    // The second click of two zooms.
+    if (event.detail > 1 || Math.hypot(event.clientX - down.x, event.clientY - down.y) > DRAG) return;
+    moves.asked(place(event));
+  }, { signal });
   canvas.addEventListener("dblclick", (event) => {
     camera.zoom(2, ...place(event));
     moves.moved();
@@ -91,6 +102,7 @@ export function listen(canvas: HTMLCanvasElement, camera: Camera, moves: Moves):
       case "+": case "=": camera.zoom(KEY_ZOOM); return true;
       case "-": case "_": camera.zoom(1 / KEY_ZOOM); return true;
       case "0": case "Home": camera.fit(); return true;
+      case "Enter": moves.asked([camera.width / 2, camera.height / 2]); return true;
       default: return false;
     }
   }

@@ -3,6 +3,7 @@
 
 import "./style.css";
 import { element } from "./dom";
+import { type Journey, journeyOf, type JourneyPayload } from "./journey";
 import { bytesOfText, readPayload } from "./payload";
 import { mount, type AnyViewer } from "./viewer";
 
@@ -11,22 +12,28 @@ declare global {
   var oddsmap: AnyViewer | undefined;
 }
 
-async function load(): Promise<Uint8Array<ArrayBuffer>> {
-  const inPage = document.getElementById("payload");
+/** Data that stand in the page in an element of this name, or beside it in a file; null: nowhere. */
+async function load(id: string, file: string | undefined): Promise<Uint8Array<ArrayBuffer> | null> {
+  const inPage = document.getElementById(id);
   if (inPage) {
     const bytes = bytesOfText(inPage.textContent ?? "", Number(inPage.dataset.bytes));
     inPage.remove(); // the text is not needed any more, and takes more than the map
     return bytes;
   }
-  const answer = await fetch("map.bin");
+  if (file === undefined) return null;
+  const answer = await fetch(file);
   if (!answer.ok) throw new Error(`the map could not be loaded (${answer.status}): is oddsmap view still running?`);
   return new Uint8Array(await answer.arrayBuffer());
 }
 
+async function loadLog(): Promise<Journey | null> {
+  const bytes = await load("log", root.dataset.log);
+  return bytes && journeyOf((await readPayload(bytes)) as unknown as JourneyPayload);
+}
+
 const root = document.getElementById("viewer")!;
-load()
-  .then(readPayload)
-  .then((payload) => mount(root, payload))
+Promise.all([load("payload", "map.bin").then((bytes) => readPayload(bytes!)), loadLog()])
+  .then(([payload, journey]) => mount(root, payload, journey))
   .then((viewer) => {
     globalThis.oddsmap = viewer;
   })

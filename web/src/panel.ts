@@ -96,11 +96,7 @@ export function panelOf(facts: Facts, store: Store, special?: Special): Panel {
   const command = element("code", {
     tabindex: 0, role: "textbox", "aria-readonly": true, "aria-label": "Command that exports what is shown",
   });
-  const copy = element("button", { type: "button" }, "Copy command");
-  copy.addEventListener("click", () => void copied(command).then((done) => {
-    copy.textContent = done ? "Copied" : "Select and copy it";
-    setTimeout(() => (copy.textContent = "Copy command"), 2000);
-  }));
+  const copy = copyButton(command);
   // The box that switches the bounds on stands above them.
   const first = sliders.findIndex((slider) => slider.name === "clampLow");
   const [beforeClamp, fromClamp] = [rows.slice(0, first), rows.slice(first)];
@@ -226,6 +222,16 @@ export function rampOf(ramp: Palette["ramp"], ends: string[]): HTMLElement {
   bar.style.backgroundImage = `linear-gradient(to right, ${ramp.map(css).join(", ")})`;
   return element("div", { class: "ramp-and-ends" }, bar,
     element("div", { class: "ends" }, ...ends.map((text) => element("span", {}, text))));
+}
+
+/** The button that copies a command. */
+export function copyButton(command: HTMLElement): HTMLButtonElement {
+  const copy = element("button", { type: "button" }, "Copy command");
+  copy.addEventListener("click", () => void copied(command).then((done) => {
+    copy.textContent = done ? "Copied" : "Select and copy it";
+    setTimeout(() => (copy.textContent = "Copy command"), 2000);
+  }));
+  return copy;
 }
 
 /** Copy the text of an element; where the browser does not allow it, it is selected. */

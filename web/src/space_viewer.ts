@@ -6,6 +6,8 @@ import { type SpacePalettes, spacePalettes } from "./colours";
 import { element } from "./dom";
 import { Frames, pixelsOf } from "./frames";
 import { headingOf, isDark } from "./heading";
+import type { Host, LogView } from "./log_view";
+import type { Eye } from "./overlay";
 import { panelOf } from "./panel";
 import type { Payload, SpaceFacts } from "./payload";
 import { lengthInWords, roundLength } from "./scale_bar";
@@ -25,7 +27,10 @@ const COUNTED_AFTER = 80;
 const BESIDE = [2, 4];
 const SCALE_BAR = 190;
 
-export class SpaceViewer {
+export class SpaceViewer implements Host {
+  afterDraw: (() => void) | null = null;
+  asked: ((voxel: readonly number[]) => void) | null = null;
+  log: LogView | null = null;
   readonly camera: SpaceCamera;
   readonly store: Store;
   /** How many voxels are occupied and inside the clip box; null: they are being counted. */
@@ -58,7 +63,7 @@ export class SpaceViewer {
   readonly facts: SpaceFacts;
 
   constructor(
-    private readonly root: HTMLElement,
+    readonly root: HTMLElement,
     private readonly payload: Payload<SpaceFacts>,
     readonly voxels: Voxels,
   ) {
@@ -88,6 +93,7 @@ export class SpaceViewer {
       clicked: (at) => {
         const found = this.nearest(...(at ?? this.middle()));
         if (found) for (const listener of this.listeners) listener(found.index);
+        if (found) this.asked?.(found.index);
       },
     });
     this.canvas.addEventListener("blur", () => this.pointed(this.pointer, false));
@@ -148,6 +154,26 @@ export class SpaceViewer {
 
   private middle(): [number, number] {
     return [this.camera.width / 2, this.camera.height / 2];
+  }
+
+  redraw(): void {
+    this.frames.schedule();
+  }
+
+  eye(): Eye {
+    const { camera, facts: { resolution, lo } } = this;
+    const from = camera.eye();
+    const [right, up, back] = camera.axes();
+    return {
+      width: camera.width, height: camera.height, ratio: this.ratio(), focal: camera.focal, near: 0.1,
+      see(x, y, z) {
+        const [a, b, c] = [x / resolution - lo[0] - from[0], y / resolution - lo[1] - from[1], z / resolution - lo[2] - from[2]];
+        return [
+          right[0] * a + right[1] * b + right[2] * c, up[0] * a + up[1] * b + up[2] * c,
+          -(back[0] * a + back[1] * b + back[2] * c),
+        ];
+      },
+    };
   }
 
   private changed(): void {
@@ -214,6 +240,7 @@ export class SpaceViewer {
     this.bar.textContent = `${lengthInWords(length)} (middle)`;
     this.bar.style.width = `${length / inPixel}px`;
     this.describe();
+    this.afterDraw?.();
   }
 
   /** Say what is pointed at, and frame it: nothing is drawn anew for that. */

@@ -7,6 +7,9 @@ import { element } from "./dom";
 import { Frames, pixelsOf } from "./frames";
 import { headingOf, isDark } from "./heading";
 import { listen } from "./input";
+import type { Journey } from "./journey";
+import { type Host, LogView } from "./log_view";
+import type { Eye } from "./overlay";
 import { panelOf } from "./panel";
 import type { Payload, PlaneFacts, SpaceFacts } from "./payload";
 import { PlaneLayer, shownAt } from "./plane_layer";
@@ -22,9 +25,13 @@ const SCALE_BAR = 140;
 /** A cell is framed where it is at least so large [pixels of the page]. */
 const FRAMED_FROM = 5;
 
-export class Viewer {
+export class Viewer implements Host {
   readonly camera: Camera;
   readonly store: Store;
+  /** What is drawn above the map, and what is asked about it, where its log is there. */
+  afterDraw: (() => void) | null = null;
+  asked: ((cell: readonly number[]) => void) | null = null;
+  log: LogView | null = null;
   private layer: PlaneLayer;
   private readonly canvas = element("canvas", {
     tabindex: 0, role: "application",
@@ -41,7 +48,7 @@ export class Viewer {
   private readonly frames = new Frames(() => this.draw());
 
   constructor(
-    private readonly root: HTMLElement,
+    readonly root: HTMLElement,
     readonly facts: PlaneFacts,
     readonly pyramid: Pyramid,
   ) {
@@ -94,6 +101,7 @@ export class Viewer {
         this.byKeys = true;
         this.frames.schedule();
       },
+      asked: (at) => this.asked?.(this.camera.at(...at).map(Math.floor)),
     });
     this.canvas.addEventListener("blur", () => {
       this.byKeys = false;
@@ -106,6 +114,25 @@ export class Viewer {
       this.layer = new PlaneLayer(gl, this.facts, this.pyramid);
       this.frames.schedule();
     });
+  }
+
+  redraw(): void {
+    this.frames.schedule();
+  }
+
+  eye(): Eye {
+    const { camera, facts } = this;
+    return {
+      width: camera.width, height: camera.height, ratio: this.ratio(), focal: 1, near: 0,
+      see: (x, y) => [
+        (x / facts.resolution - camera.x) / camera.scale, (y / facts.resolution - camera.y) / camera.scale, 1,
+      ],
+    };
+  }
+
+  /** Pixels of the screen in one of the page. */
+  private ratio(): number {
+    return this.canvas.width / Math.max(this.canvas.clientWidth, 1);
   }
 
   private palette(): Palette {
@@ -131,12 +158,13 @@ export class Viewer {
   private draw(): void {
     this.layer.draw(this.camera, this.store.value, this.palette());
     this.describe();
+    this.afterDraw?.();
   }
 
   /** Say where the pointer is, what is there, and how long things are. */
   private describe(): void {
     const { camera, facts } = this;
-    const ratio = this.canvas.width / Math.max(this.canvas.clientWidth, 1);
+    const ratio = this.ratio();
     const inPixel = camera.scale * ratio * facts.resolution;
     const length = roundLength(inPixel, SCALE_BAR);
     this.bar.textContent = lengthInWords(length);
@@ -181,12 +209,15 @@ export class Viewer {
 
 export type AnyViewer = Viewer | SpaceViewer;
 
-/** Show a map in an element of a page. */
-export async function mount(root: HTMLElement, payload: Payload): Promise<AnyViewer> {
+/** Show a map in an element of a page, with the way of its log where that is given. */
+export async function mount(root: HTMLElement, payload: Payload, journey: Journey | null = null): Promise<AnyViewer> {
   const { facts } = payload;
-  if (facts.kind === "space") {
-    const space = payload as Payload<SpaceFacts>;
-    return new SpaceViewer(root, space, await voxelsOf(space));
-  }
-  return new Viewer(root, facts, await pyramidOf(payload as Payload<PlaneFacts>));
+  const viewer = facts.kind === "space"
+    ? await inSpace(root, payload as Payload<SpaceFacts>)
+    : new Viewer(root, facts, await pyramidOf(payload as Payload<PlaneFacts>));
+  if (journey) viewer.log = new LogView(viewer, journey);
+  return viewer;
 }
+
+const inSpace = async (root: HTMLElement, payload: Payload<SpaceFacts>): Promise<SpaceViewer> =>
+  new SpaceViewer(root, payload, await voxelsOf(payload));

@@ -6,7 +6,7 @@ import { betaInterval } from "./beta";
 import { isProbability, LEVEL, stateOf, valueOf } from "./posterior";
 import type { Settings } from "./settings";
 
-const MINUS = "\u2212";
+export const MINUS = "\u2212";
 
 /** A number in few digits, as people write it. */
 export function short(value: number, digits = 3): string {

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,6 +55,8 @@ class LogOptions:
     frame: str | None = None
     clock_offset: float = 0.0
     deskew: str = "auto"
+    words: tuple[str, ...] = field(default=(), compare=False)
+    """The options as they are typed, for commands that others are told of: files by their names."""
 
     def files(self, *logs: Path) -> list[Path | None]:
         """The files that these options name, to be checked before any work is done.
@@ -147,12 +149,31 @@ def takes_log_options(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def with_options(**given: Any) -> None:
-        log_options = _read(**{name: given.pop(name) for name in options})
+        values = {name: given.pop(name) for name in options}
+        log_options = replace(_read(**values), words=_typed(options, values))
         command(log_options=log_options, **given)
 
     with_options.__signature__ = own.replace(parameters=expanded)  # type: ignore[attr-defined]
     with_options.__annotations__ = {part.name: part.annotation for part in expanded}
     return with_options
+
+
+def _typed(options: Mapping[str, inspect.Parameter], values: Mapping[str, Any]) -> tuple[str, ...]:
+    """The words that say these values, as far as they are not the defaults."""
+    words: list[str] = []
+    for name, parameter in options.items():
+        value = values[name]
+        if value is None or value == parameter.default or value == []:
+            continue
+        (declared,) = parameter.annotation.__metadata__
+        # Of an annotation Typer keeps the first name as the default.
+        option = next(w for w in (declared.default, *declared.param_decls) if w.startswith("--"))
+        for each in value if isinstance(value, list) else [value]:
+            said = [] if each is True else each if isinstance(each, tuple) else [each]
+            # Where the files lie is nobody else's business.
+            paths = [Path(str(word)) for word in said]
+            words += [option, *(p.name if p.exists() else str(p) for p in paths)]
+    return tuple(words)
 
 
 def read_extrinsics(text: str | None) -> Pose3 | None:

@@ -36,7 +36,8 @@ _PAGE = """<!doctype html>
 {style}
 </head>
 <body>
-<main id="viewer" class="oddsmap" data-theme="auto"><p class="failure">The map is being loaded.</p>
+<main id="viewer" class="oddsmap" data-theme="auto"{log}>
+<p class="failure">The map is being loaded.</p>
 </main>
 <noscript>The map is drawn by JavaScript, which is switched off.</noscript>
 {data}{script}
@@ -50,11 +51,12 @@ def page_part(name: str) -> bytes:
     return files("oddsmap.viewer").joinpath("page", name).read_bytes()
 
 
-def served_page(title: str) -> str:
+def served_page(title: str, *, with_log: bool = False) -> str:
     """The page of a server, which also gives `viewer.js`, `viewer.css` and `map.bin` beside it.
 
     Args:
         title: of the window.
+        with_log: whether it gives `log.bin`, too.
     """
     # What only a header can say is left to it.
     policy = SERVED_POLICY.removesuffix("; frame-ancestors 'none'")
@@ -63,15 +65,17 @@ def served_page(title: str) -> str:
         policy=policy,
         style='<link rel="stylesheet" href="viewer.css">',
         script='<script src="viewer.js"></script>',
+        log=' data-log="log.bin"' if with_log else "",
     )
 
 
-def single_page(title: str, payload: bytes) -> str:
+def single_page(title: str, payload: bytes, journey: bytes | None = None) -> str:
     """One file that works from the disk, with the network off.
 
     Args:
         title: of the window.
         payload: see `oddsmap.viewer.payload`.
+        journey: of the map's log, see `oddsmap.viewer.journey_payload`; None: without one.
     """
     style, script = (page_part(f"viewer.{kind}").decode() for kind in ("css", "js"))
     # The end of an element is looked for in its text, whatever else that is.
@@ -80,16 +84,24 @@ def single_page(title: str, payload: bytes) -> str:
         title,
         policy=f"{_COMMON}; script-src {_hash(script)}; style-src {_hash(style)}",
         style=f"<style>{style}</style>",
-        data=f'<script type="text/plain" id="payload" data-bytes="{len(payload)}">'
-        f"{text_of(payload)}</script>\n",
+        data=_data("payload", payload) + ("" if journey is None else _data("log", journey)),
         script=f"<script>{script}</script>",
     )
 
 
-def _filled(title: str, *, policy: str, style: str, script: str, data: str = "") -> str:
+def _data(name: str, content: bytes) -> str:
+    return (
+        f'<script type="text/plain" id="{name}" data-bytes="{len(content)}">'
+        f"{text_of(content)}</script>\n"
+    )
+
+
+def _filled(
+    title: str, *, policy: str, style: str, script: str, data: str = "", log: str = ""
+) -> str:
     return _PAGE.format(
         title=html.escape(f"{title} - oddsmap"), policy=policy, style=style, data=data,
-        script=script,
+        script=script, log=log,
     )  # fmt: skip
 
 

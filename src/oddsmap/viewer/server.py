@@ -3,7 +3,9 @@
 
 It listens on the loopback alone. Other users of the machine, and pages of other sites in the same
 browser, can reach that too; so the address holds a secret, and a request has to name this very
-host. What it gives is in memory: no path of a request ever becomes the path of a file.
+host. What it gives is in memory: no path of a request ever becomes the path of a file. Where the
+map has its log, the page may ask about it; such a question is a name of its own, and its parameters
+are checked by who answers it.
 """
 
 from __future__ import annotations
@@ -12,14 +14,15 @@ import hmac
 import os
 import secrets
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from socketserver import TCPServer
 from typing import NamedTuple
 
-from oddsmap.errors import InputError
+from oddsmap.errors import InputError, OddsmapError, as_line
 from oddsmap.viewer.document import SERVED_POLICY, page_part, served_page
+from oddsmap.viewer.questions import LogQuestions, SupersededError
 
 __all__ = ["PageServer"]
 
@@ -38,6 +41,13 @@ _HEADERS = {
 class _Resource(NamedTuple):
     kind: str
     content: bytes
+    status: HTTPStatus = HTTPStatus.OK
+
+
+def _said(status: HTTPStatus, line: str | None = None) -> _Resource:
+    """One line in words."""
+    text = f"{line or status.phrase}\n".encode()
+    return _Resource("text/plain; charset=utf-8", text, status)
 
 
 class PageServer(ThreadingHTTPServer):
@@ -47,6 +57,8 @@ class PageServer(ThreadingHTTPServer):
         title: of the page.
         payload: see `oddsmap.viewer.payload`.
         port: 0: any that is free.
+        journey: of the map's log, see `oddsmap.viewer.journey_payload`; None: without one.
+        questions: answers what the page asks about the log.
 
     Attributes:
         url: where the page is.
@@ -59,7 +71,15 @@ class PageServer(ThreadingHTTPServer):
     # A port that was left a moment ago is free, but on Windows that would also mean one in use.
     allow_reuse_address = os.name == "posix"
 
-    def __init__(self, title: str, payload: bytes, *, port: int = 0) -> None:
+    def __init__(
+        self,
+        title: str,
+        payload: bytes,
+        *,
+        port: int = 0,
+        journey: bytes | None = None,
+        questions: LogQuestions | None = None,
+    ) -> None:
         try:
             super().__init__((_HOST, port), _Handler)
         except OSError as error:
@@ -69,12 +89,18 @@ class PageServer(ThreadingHTTPServer):
             ) from None
         self._secret = secrets.token_urlsafe(24)
         text = "text/{}; charset=utf-8".format
-        self._resources: Mapping[str, _Resource] = {
-            "": _Resource(text("html"), served_page(title).encode()),
+        page = served_page(title, with_log=journey is not None)
+        self._resources: dict[str, _Resource] = {
+            "": _Resource(text("html"), page.encode()),
             "viewer.css": _Resource(text("css"), page_part("viewer.css")),
             "viewer.js": _Resource(text("javascript"), page_part("viewer.js")),
             "map.bin": _Resource("application/octet-stream", payload),
         }
+        if journey is not None:
+            self._resources["log.bin"] = _Resource("application/octet-stream", journey)
+        self._questions: Mapping[str, Callable[[str], bytes]] = (
+            {} if questions is None else {"why": questions.why, "scan": questions.scan}
+        )
         self.url = f"http://{_HOST}:{self.server_port}/{self._secret}/"
 
     def server_bind(self) -> None:
@@ -88,22 +114,41 @@ class PageServer(ThreadingHTTPServer):
             # Handed on as it came: what kind it is, is the business of the class above.
             super().handle_error(request, client_address)  # type: ignore[arg-type]
 
-    def resource(self, host: str | None, path: str) -> _Resource | HTTPStatus:
+    def resource(self, host: str | None, path: str, *, may_ask: bool = True) -> _Resource:
         """What a request gets.
 
         Args:
             host: its header of that name.
-            path: as the request has it; what is not the name of a resource, letter by letter, is
-                none.
+            path: as the request has it; what is not the name of a resource or of a question, letter
+                by letter, is none.
+            may_ask: whether its method is one for questions.
         """
         # A site whose name is made to lead to this machine sends its own name here.
         if host not in (f"{_HOST}:{self.server_port}", f"localhost:{self.server_port}"):
-            return HTTPStatus.MISDIRECTED_REQUEST
+            return _said(HTTPStatus.MISDIRECTED_REQUEST)
         secret, slash, name = path.removeprefix("/").partition("/")
         known = hmac.compare_digest(secret.encode(), self._secret.encode())
-        if not (known and slash) or name not in self._resources:
-            return HTTPStatus.NOT_FOUND
-        return self._resources[name]
+        if not (known and slash):
+            return _said(HTTPStatus.NOT_FOUND)
+        question, mark, query = name.partition("?")
+        if mark and question in self._questions:
+            if not may_ask:
+                return _said(HTTPStatus.METHOD_NOT_ALLOWED)
+            return _answer(self._questions[question], query)
+        return self._resources.get(name) or _said(HTTPStatus.NOT_FOUND)
+
+
+def _answer(ask: Callable[[str], bytes], query: str) -> _Resource:
+    """What comes of a question, in any case: the page says what went wrong."""
+    try:
+        return _Resource("application/json", ask(query))
+    except SupersededError:
+        return _said(HTTPStatus.CONFLICT, "something else was asked meanwhile")
+    except OddsmapError as error:
+        return _said(HTTPStatus.BAD_REQUEST, str(error))
+    except Exception as error:
+        line = as_line(f"unexpected {type(error).__name__}: {error}")
+        return _said(HTTPStatus.INTERNAL_SERVER_ERROR, line)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -121,12 +166,9 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(with_content=False)
 
     def _answer(self, *, with_content: bool) -> None:
-        given = self.server.resource(self.headers.get("Host"), self.path)
-        if isinstance(given, HTTPStatus):
-            status, found = given, _Resource("text/plain", f"{given.phrase}\n".encode())
-        else:
-            status, found = HTTPStatus.OK, given
-        self.send_response(status)
+        host = self.headers.get("Host")
+        found = self.server.resource(host, self.path, may_ask=with_content)
+        self.send_response(found.status)
         self.send_header("Content-Type", found.kind)
         self.send_header("Content-Length", str(len(found.content)))
         for name, value in _HEADERS.items():

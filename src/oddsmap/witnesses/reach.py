@@ -16,7 +16,7 @@ from oddsmap.array_types import FloatArray, IntArray
 from oddsmap.scans.scan import Scan
 from oddsmap.sensors.registry import Sensor
 
-__all__ = ["beams_near"]
+__all__ = ["beams_near", "rays_of"]
 
 # Half the diagonal of a cell is 0.71 (2D) or 0.87 sides (3D); what directions in single precision
 # are off by at 100 m is a fraction of a millimetre.
@@ -55,3 +55,20 @@ def beams_near(scan: Scan, centre: FloatArray, resolution: float, sensor: Sensor
     with np.errstate(invalid="ignore"):
         may &= (scan.ranges + width + near >= along) | (scan.ranges >= far)
     return np.flatnonzero(may)
+
+
+def rays_of(scan: Scan, beams: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Where some beams of a scan lie in the map frame.
+
+    Args:
+        scan: of beams.
+        beams: their numbers, shape (k,).
+
+    Returns:
+        Where each starts [m], and unit vectors along each, both of shape (k, d).
+    """
+    pose = scan.map_from_sensor
+    directions = scan.directions[beams] @ pose.rotation.T
+    if scan.beam_origins is None:
+        return np.broadcast_to(pose.translation, directions.shape), directions
+    return pose.transform(scan.beam_origins[beams]), directions

@@ -34,9 +34,9 @@ from oddsmap.scans.scan_part import part_of
 from oddsmap.scans.split_log import is_held
 from oddsmap.sensors.registry import KINDS, Sensor, sensor_of_log
 from oddsmap.short_repr import short_repr
-from oddsmap.witnesses.reach import beams_near
+from oddsmap.witnesses.reach import beams_near, rays_of
 
-__all__ = ["Explanation", "ScanVote", "why"]
+__all__ = ["Explanation", "ScanVote", "sensor_models", "why"]
 
 # Cells that votes leave beside the one in question are forgotten from time to time.
 _TILES = 4096
@@ -59,6 +59,8 @@ class ScanVote:
         beam_hits: what each says of the cell alone [votes], shape (k,). With votes "scan" the scan
             says it once: its hits, if any, and otherwise its passes.
         beam_passes: likewise.
+        starts: where each beam starts in the map frame [m], shape (k, d).
+        directions: unit vectors along each in the map frame, shape (k, d).
     """
 
     index: int
@@ -70,6 +72,8 @@ class ScanVote:
     ranges: FloatArray
     beam_hits: FloatArray
     beam_passes: FloatArray
+    starts: FloatArray
+    directions: FloatArray
 
     __repr__ = short_repr
 
@@ -200,6 +204,7 @@ class _Trial:
         if not isinstance(scan, Scan | DepthScan) or self._method == "projective":
             said = self._said(scan, cell)
             beams, ranges, each = np.empty(0, np.int64), np.empty(0), np.empty((0, 2))
+            starts = directions = np.empty((0, len(centre)))
         else:
             whole = scan.to_scan() if isinstance(scan, DepthScan) else scan
             beams = beams_near(whole, centre, self._map.resolution, self._sensor)
@@ -213,11 +218,12 @@ class _Trial:
             speaks = each.any(axis=1)
             beams, each = beams[speaks], each[speaks]
             ranges = whole.ranges[beams]
+            starts, directions = rays_of(whole, beams)
         if not said.any():
             return None
         return ScanVote(
             index, scan.stamp_ns, scan.sensor_id, float(said[0]), float(said[1]), beams, ranges,
-            each[:, 0], each[:, 1],
+            each[:, 0], each[:, 1], starts, directions,
         )  # fmt: skip
 
     def _ask(
@@ -260,10 +266,38 @@ def _entries_of(grid: Evidence, log: Any) -> list[dict[str, Any]]:
     ]
 
 
+def sensor_models(grid: Evidence, log: Log) -> dict[str, Sensor]:
+    """By which sensor model a map took the scans of a log.
+
+    Args:
+        grid: the map.
+        log: what it was made of.
+
+    Returns:
+        For each sensor of the log its model; "" for scans of a sensor that is not named.
+    """
+    models: dict[str, Sensor] = {}
+    for sensor, _, names in _models(grid, log, _entries_of(grid, log)):
+        models.setdefault("", sensor)
+        models |= dict.fromkeys(names, sensor)
+    return models
+
+
 def _trials(grid: Evidence, log: Any, entries: list[dict[str, Any]]) -> dict[str, _Trial]:
     """For each sensor of a log the map to try its scans in; "" for those that are not named."""
-    parts = parts_of(log)
     trials: dict[str, _Trial] = {}
+    for sensor, method, names in _models(grid, log, entries):
+        trial = _Trial(grid, sensor, method)
+        trials.setdefault("", trial)
+        trials |= dict.fromkeys(names, trial)
+    return trials
+
+
+def _models(
+    grid: Evidence, log: Any, entries: list[dict[str, Any]]
+) -> Iterator[tuple[Sensor, str, tuple[str, ...]]]:
+    """For each part of a log its sensor model, the method, and the sensors that it is of."""
+    parts = parts_of(log)
     for number, part in enumerate(parts):
         entry = entries[number] if len(entries) == len(parts) else {}
         if "sensor" in entry:
@@ -271,11 +305,7 @@ def _trials(grid: Evidence, log: Any, entries: list[dict[str, Any]]) -> dict[str
             sensor = KINDS[settings.pop("kind")](**settings)
         else:
             sensor = grid.sensor if number == 0 else sensor_of_log(part)
-        trial = _Trial(grid, sensor, entry.get("method", "rays"))
-        trials.setdefault("", trial)
-        for sensor_id in getattr(part, "sensors", ()):
-            trials[sensor_id] = trial
-    return trials
+        yield sensor, entry.get("method", "rays"), tuple(getattr(part, "sensors", ()))
 
 
 def _mapped(
