@@ -23,7 +23,7 @@ import { drawnIn, occupiedIn, type Points, sliceAt, type Voxels } from "./voxels
 const COUNTED_AFTER = 80;
 /** How far from the pointer a voxel may be where none is under it [pixels of the page]. */
 const BESIDE = [2, 4];
-const SCALE_BAR = 190;
+const SCALE_BAR = 220;
 
 export class SpaceViewer {
   readonly camera: SpaceCamera;
