@@ -4,8 +4,8 @@
 python docs/figures/viewer.py        # needs Chromium and playwright
 
 Writes docs/images/viewer.png, by day with a cell pointed at, and by night, viewer-log.png,
-viewer-space.png, and viewer-full-map.png, a map of sonars beside the full map of the same log, with
-landmarks.
+viewer-space.png, with a voxel pointed at and with a slice, and viewer-full-map.png, a map of sonars
+beside the full map of the same log, with landmarks.
 """
 
 from __future__ import annotations
@@ -151,8 +151,10 @@ def pictures_of_log(browser: Browser, grid: EvidenceMap, log: LoadedLog) -> list
     return shown
 
 
-def picture_in_space(browser: Browser, page_file: Path, scheme: str, program: str) -> bytes:
-    """The page of voxels, after a program has run on its viewer."""
+def picture_in_space(
+    browser: Browser, page_file: Path, scheme: str, program: str, at: tuple[int, int]
+) -> bytes:
+    """The page of voxels, after a program has run on its viewer, and a pixel is pointed at."""
     context = browser.new_context(
         viewport={"width": WIDTH, "height": HEIGHT},
         color_scheme="dark" if scheme == "dark" else "light",
@@ -161,6 +163,7 @@ def picture_in_space(browser: Browser, page_file: Path, scheme: str, program: st
     page.goto(page_file.as_uri())
     page.wait_for_selector(".map canvas")
     page.evaluate(program)
+    page.mouse.move(*at)
     page.wait_for_timeout(1500)
     content = bytes(page.screenshot())
     context.close()
@@ -193,11 +196,12 @@ def main() -> None:
         path = Path(folder) / "town.html"
         path.write_text(single_page("town.zarr", space_payload(space, "town.zarr")))
         programs = (
-            ("light", "(oddsmap.camera.zoom(1.25), oddsmap.store.set({}))"),
+            ("light", "(oddsmap.camera.zoom(1.25), oddsmap.store.set({}))", (193, 364)),
             (
                 "dark",
                 "(oddsmap.camera.zoom(4), oddsmap.camera.turn(0, -60),"
-                " oddsmap.store.set({ paint: 'hits', zHigh: 8 }))",
+                " oddsmap.store.set({ sliced: true, sliceAt: 1 }))",
+                (195, 335),
             ),
         )
         shown = [picture_in_space(browser, path, *program) for program in programs]
@@ -205,8 +209,8 @@ def main() -> None:
         path = Path(folder) / "sonar.html"
         path.write_text(single_page("sonar.zarr", sonars()))
         programs = (
-            ("light", "oddsmap.store.set({ landmarks: false })"),
-            ("light", "oddsmap.store.set({ posterior: 'given0' })"),
+            ("light", "oddsmap.store.set({ landmarks: false })", (300, 200)),
+            ("light", "oddsmap.store.set({ posterior: 'given0' })", (300, 200)),
         )
         shown = [picture_in_space(browser, path, *program) for program in programs]
         write(shown, "viewer-full-map.png")

@@ -26,7 +26,7 @@ import { type Clip, drawnIn, occupiedIn, type Points, sliceAt, type Voxels } fro
 const COUNTED_AFTER = 80;
 /** How far from the pointer a voxel may be where none is under it [pixels of the page]. */
 const BESIDE = [2, 4];
-const SCALE_BAR = 190;
+const SCALE_BAR = 220;
 
 /** The box around boxes. */
 const around = (boxes: readonly Clip[]): Clip => ({
