@@ -71,7 +71,8 @@ def view(
         typer.Option(
             "--landmarks",
             metavar="FILE",
-            help="Landmarks to be drawn on a 2D map: the .csv or .json of oddsmap landmarks.",
+            help="Landmarks to be drawn on a 2D map: the .csv or .json of oddsmap landmarks; by "
+            "default none.",
         ),
     ] = None,
     output: Annotated[
