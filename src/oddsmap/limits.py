@@ -55,9 +55,10 @@ def memory_limit() -> int:
 def default_budget() -> int:
     """Bytes that a map takes before parts of it are kept on the disk, where nobody says it.
 
-    Half of what is free when this is asked, and no more than half of `memory_limit`.
+    Half of what is free when this is asked, and no more than half of `memory_limit`; 32 MB where
+    that is less.
     """
-    return min(memory_limit(), _available_memory()) // 2
+    return max(_LEAST_BUDGET, min(memory_limit(), _available_memory()) // 2)
 
 
 def bytes_of(memory: int | str) -> int:

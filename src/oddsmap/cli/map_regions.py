@@ -17,6 +17,8 @@ __all__ = ["box_of", "corners_of", "overview_of_large", "read_part"]
 
 # What drawing takes a cell of the rectangle that holds the map.
 _DRAWN_BYTES = 32
+# Of a picture's pixels, what its margins leave: more blocks would be drawn by fours.
+_OF_PICTURE = 0.94
 
 Corners = tuple[list[float], list[float]]
 
@@ -135,5 +137,5 @@ def overview_of_large(
         return None
     if math.prod(int(n) for n in box[1] - box[0]) * _DRAWN_BYTES <= memory_limit():
         return None
-    pixels = options.get("size", MAX_PIXELS)
+    pixels = int(_OF_PICTURE * options.get("size", MAX_PIXELS))
     return saved.overview(pixels, view=lambda part: part.log_odds(prior=prior, **rates))

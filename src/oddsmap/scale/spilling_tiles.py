@@ -87,10 +87,18 @@ class SpillingTiles(TileStore):
 
     def reserve(self, tiles: int, wide: int) -> None:
         """As `TileStore.reserve`; what is there is sent away where it would be too much."""
-        rows, wide_rows = self._used()
-        if self._cost(rows + tiles, wide_rows + wide) > self._budget.share:
+        if self._expected(tiles, wide) > self._budget.share:
             self.spill()
         super().reserve(tiles, wide)
+
+    def _expected(self, tiles: int, wide: int) -> int:
+        """Bytes once so many more tiles and wide rows may have come.
+
+        Wide rows are asked for in case that all tiles need one; as many are expected as there are
+        of those that have come. A scan for which that was too few is made good before the next.
+        """
+        rows, wide_rows = self._used()
+        return self._cost(rows + tiles, wide_rows + wide * wide_rows // max(1, rows))
 
     def _used(self) -> tuple[int, int]:
         return self.count, int(self.arrays.counts[WIDE_COUNT])
@@ -106,7 +114,7 @@ class SpillingTiles(TileStore):
         """
         self._make(tiles, wide)
         rows, wide_rows = (n + more for n, more in zip(self._used(), (tiles, wide), strict=True))
-        left = max(0, self._budget.share - self._cost(rows, wide_rows)) // 2
+        left = max(0, self._budget.share - self._expected(tiles, wide)) // 2
         rows += left // self._cost(1, 0)
         wide_rows += left // self._cost(0, 1)
         whole = self._whole
@@ -122,9 +130,9 @@ class SpillingTiles(TileStore):
         if used + tiles <= capacity and used_wide + wide <= wide_capacity:
             return
         limit = memory_limit()
-        if self._bytes(used + tiles, used_wide + wide) > limit:
+        if self._bytes(used + tiles, used_wide) > limit:
             raise MapTooLargeError(
-                f"one scan needs {self._bytes(tiles, wide) / 1e9:.1f} GB of tiles, more than this "
+                f"one scan needs {self._bytes(tiles, 0) / 1e9:.1f} GB of tiles, more than this "
                 f"machine's memory of {limit / 1e9:.1f} GB: use a coarser resolution, or range_max"
             )
         if used + tiles > capacity:
