@@ -77,6 +77,9 @@ class BuildPlan:
         blocks: whether these are whole runs of scans.
         auto: whether the sensor is fitted to the logs.
         quiet: whether to show no progress.
+        dask: whose workers make the map: the address of a scheduler, or "local"; None: this
+            process.
+        chunk_scans: how many scans a worker takes at a time; None: by their number.
 
     Raises:
         ConfigError: options do not go together, or the map cannot be written there.
@@ -95,12 +98,15 @@ class BuildPlan:
     blocks: bool = False
     auto: bool = False
     quiet: bool = False
+    dask: str | None = None
+    chunk_scans: int | None = None
 
     def __post_init__(self) -> None:
         from oddsmap.errors import ConfigError
 
         check_name(self.settings.sensor)
         self._check_estimator()
+        self._check_dask()
         _ = self.hold_out_every
         if self.blocks and self.hold_out is None:
             raise ConfigError("--blocks says which scans are kept back: add --hold-out 0.1")
@@ -130,6 +136,39 @@ class BuildPlan:
         if not full_map and self.settings.sweeps is not None:
             raise ConfigError("--sweeps belongs to --estimator full-map")
 
+    @property
+    def url(self) -> str | None:
+        """Where the map goes, if that is no folder; None: it is one."""
+        from oddsmap.scale.map_places import url_of
+
+        return url_of(self.output)
+
+    @property
+    def target(self) -> str:
+        """Where the map goes, as text."""
+        return self.url or str(self.output)
+
+    def _check_dask(self) -> None:
+        from oddsmap.errors import ConfigError
+
+        if self.dask is None:
+            if self.chunk_scans is not None:
+                raise ConfigError("--chunk-scans is what a worker takes at a time: add --dask")
+            if self.url is not None:
+                raise ConfigError(
+                    f"{self.url}: maps at URLs are written by workers: add --dask local, or build "
+                    "it here and copy it"
+                )
+            return
+        others = {
+            "--estimator full-map": self.estimator == "full-map",
+            "--auto": self.auto,
+            "--hold-out": self.hold_out is not None,
+        }
+        for name, given in others.items():
+            if given:
+                raise ConfigError(f"{name} works on one machine: leave out --dask, or {name}")
+
     def _check_settings(self) -> None:
         self.layers.check_estimator(self.estimator)
         if "resolution" not in self.layers.fields("map"):
@@ -146,6 +185,12 @@ class BuildPlan:
         check_suffix(
             self.output, ("", ".zarr"), f"a map is a Zarr folder, by custom NAME.zarr{made}"
         )
+        if self.dask is not None:
+            from oddsmap.scale.cluster_output import check_output_place
+
+            # Logs are looked for where they are read.
+            check_output_place(self.target, force=self.force)
+            return
         read = [*self.logs, *self.log_options.files(*self.logs)]
         check_logs(self.logs)
         check_files(read, self.output, force=self.force, is_map=True)

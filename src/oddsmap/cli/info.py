@@ -28,7 +28,6 @@ from oddsmap.cli.voice import Voice
 
 if TYPE_CHECKING:
     from oddsmap.array_types import IntArray
-    from oddsmap.evidence.evidence import Evidence
     from oddsmap.full_map.full_map import FullMap
     from oddsmap.map_files.ros_reader import RosGrid
     from oddsmap.maps.voxel_map import VoxelMap
@@ -224,22 +223,13 @@ def _of_log(log: Log, progress: Callable[[int], None]) -> dict[str, Any]:
 def _of_map(path: Path) -> dict[str, Any]:
     from oddsmap.cli.auto import advised
     from oddsmap.cli.bounds_of_trust import facts_of_votes, trust_line
-    from oddsmap.evidence.saved_totals import SavedTotals, read_totals
+    from oddsmap.evidence.saved_totals import read_totals
     from oddsmap.kernels.units import ONE
-    from oddsmap.posterior.count_pairs import PairCounter
+    from oddsmap.posterior.saved_pairs import TotalsWithPairs
 
-    class WithPairs(SavedTotals):
-        def __init__(self) -> None:
-            super().__init__()
-            self.counter = PairCounter()
-
-        def add(self, part: Evidence) -> None:
-            super().add(part)
-            self.counter.add_map(part)
-
-    totals = read_totals(path, WithPairs)
+    totals = read_totals(path, TotalsWithPairs)
     like = totals.like
-    votes = facts_of_votes(like, totals.counter.pairs())
+    votes = facts_of_votes(like, totals.pairs())
     facts: dict[str, Any] = {
         "map": str(path),
         "resolution": like.resolution,

@@ -60,7 +60,15 @@ from oddsmap.map_files.zarr_header import (
 from oddsmap.map_files.zarr_shards import SavedShards
 from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 
-__all__ = ["is_map", "read_empty", "read_map", "save_map"]
+__all__ = [
+    "attributes_of",
+    "extent_of",
+    "is_map",
+    "read_empty",
+    "read_map",
+    "save_map",
+    "stored_arrays",
+]
 
 E = TypeVar("E", bound=Evidence)
 
@@ -88,22 +96,43 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
         OutputError: it exists and `force` is False, or is no map, or cannot be written.
     """
     d = evidence.ndim
-    shard = SHARD[d]
     stored: list[tuple[TileStore, tuple[int, ...], dict[str, str]]]
     stored = [(evidence.tiles, (HITS, PASSES), _VOTES)]
     if evidence.lengths is not None:
         stored.append((evidence.lengths, (PASSES,), _LENGTHS))
     censuses = [tiles.census() for tiles, _, _ in stored]
+    lo, hi, first, shape = extent_of(censuses, d)
+    with new_folder(Path(path), shape, force=force) as folder:
+        for (tiles, channels, texts), census in zip(stored, censuses, strict=True):
+            _write(folder, tiles, channels, texts, census, first // SHARD[d])
+        folder.seal(attributes_of(evidence, first, lo, hi))
+
+
+def extent_of(
+    censuses: list[Census], d: int
+) -> tuple[IntArray, IntArray, IntArray, tuple[int, ...]]:
+    """Where a map lies.
+
+    Args:
+        censuses: of the weights that are counted together.
+        d: 2 or 3.
+
+    Returns:
+        Its first known cell, the cell past its last, the first cell of its arrays, shape (d,) each,
+        x first; and the shape of the arrays.
+    """
     boxes = [census.bounds for census in censuses if census.bounds is not None]
     boxes = boxes or [(np.zeros(d, np.int64), np.ones(d, np.int64))]
     lo = np.min([first for first, _ in boxes], axis=0)
     hi = np.max([past for _, past in boxes], axis=0)
+    shard = SHARD[d]
     first = lo // shard * shard
-    shape = tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
-    with new_folder(Path(path), shape, force=force) as folder:
-        for (tiles, channels, texts), census in zip(stored, censuses, strict=True):
-            _write(folder, tiles, channels, texts, census, first // shard)
-        folder.seal(_attributes(evidence, first, lo, hi))
+    return lo, hi, first, tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
+
+
+def stored_arrays(evidence: Evidence) -> list[dict[str, str]]:
+    """Names and descriptions of the arrays of a map, by what is counted together."""
+    return [_VOTES] if evidence.lengths is None else [_VOTES, _LENGTHS]
 
 
 def _write(
@@ -134,7 +163,10 @@ def _write(
     do_side_by_side(write, blocks_by_shard(fitting.coords, fitting.side))
 
 
-def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray) -> dict[str, Any]:
+def attributes_of(
+    evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray
+) -> dict[str, Any]:
+    """What a saved map says of itself; the cells are those of `extent_of`."""
     return {
         "format": EVIDENCE_MAP,
         "format_version": FORMAT_VERSION,
