@@ -46,6 +46,7 @@ class Built:
         chunk_count: how many chunks of scans were mapped.
         group_count: how many groups of shards had an owner.
         bytes_of_parts: what went through the store before it was added up.
+        seconds: wall time of "mapping" chunks, "adding" up groups and "writing" shards [s].
     """
 
     output: str
@@ -55,6 +56,7 @@ class Built:
     chunk_count: int
     group_count: int
     bytes_of_parts: int
+    seconds: Mapping[str, float]
 
     __repr__ = short_repr
 
@@ -166,6 +168,7 @@ def build(
         chunk_count=made.chunk_count,
         group_count=made.group_count,
         bytes_of_parts=made.bytes_of_parts,
+        seconds=made.seconds,
     )
 
 

@@ -9,6 +9,7 @@ shards                  # group_tasks.py: written by those who keep them; the ma
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -70,6 +71,7 @@ class Mapped:
         bytes_of_parts: what workers gave to each other through the store.
         chunk_count: how many chunks there were.
         group_count: how many groups of shards.
+        seconds: wall time of mapping chunks, of adding up groups, and of writing shards [s].
     """
 
     report: Report
@@ -77,6 +79,7 @@ class Mapped:
     bytes_of_parts: int
     chunk_count: int
     group_count: int
+    seconds: dict[str, float]
 
 
 def map_on_cluster(
@@ -111,15 +114,17 @@ def map_on_cluster(
         for each in inputs
         for first, past in _ranges(each.head, cluster.threads, chunk_scans)
     ]
+    started = time.perf_counter()
     mapped = _map_chunks(cluster, output, chunks, empty, progress)
+    seconds = {"mapping": time.perf_counter() - started}
     report = _close_logs(cluster, inputs, chunks, mapped, empty, method)
     groups: dict[Index, list[PartRef]] = {}
     for number in sorted(mapped):
         for group, part in mapped[number].parts.items():
             groups.setdefault(group, []).append(part)
-    census = _add_and_write(cluster, output, groups, empty)
+    census = _add_and_write(cluster, output, groups, empty, seconds)
     size = sum(part.length for parts in groups.values() for part in parts)
-    return Mapped(report, census, size, len(chunks), len(groups))
+    return Mapped(report, census, size, len(chunks), len(groups), seconds)
 
 
 def _ranges(
@@ -204,10 +209,14 @@ def _close_logs(
 
 
 def _add_and_write(
-    cluster: Cluster, output: ClusterOutput, groups: dict[Index, list[PartRef]], empty: Evidence
+    cluster: Cluster,
+    output: ClusterOutput,
+    groups: dict[Index, list[PartRef]],
+    empty: Evidence,
+    seconds: dict[str, float],
 ) -> Census:
     """Add up all groups, and write the map."""
-    d = empty.ndim
+    d, started = empty.ndim, time.perf_counter()
     sums = {group: _sum_of(cluster, output, group, parts, d) for group, parts in groups.items()}
     totals = [
         cluster.submit(f"total-{output.parts}-{_words(group)}", totals_of, future)
@@ -217,6 +226,7 @@ def _add_and_write(
     votes, lengths = none, none
     for _, (of_votes, of_lengths) in cluster.results(totals):
         votes, lengths = joint(votes, of_votes), joint(lengths, of_lengths)
+    seconds["adding"], started = time.perf_counter() - started, time.perf_counter()
     stored: dict[str, Stored] = {}
     lo, hi, first, shape = extent_of([votes, lengths], d)
     with output.new_map(shape) as folder:
@@ -241,6 +251,7 @@ def _add_and_write(
             attributes_of(empty, first, lo, hi),
             written={name: sorted(places) for name, places in written.items()},
         )
+    seconds["writing"] = time.perf_counter() - started
     return votes
 
 
