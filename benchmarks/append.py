@@ -23,7 +23,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 from oddsmap import EvidenceMap
 from oddsmap.evidence.append import append_map
-from oddsmap.evidence.store import _attributes
+from oddsmap.evidence.store import attributes_of
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD, new_folder
 
 CELL = 0.05
@@ -41,7 +41,7 @@ def make(path: Path, shards: int) -> None:
             folder.create(name, np.uint8, 0, {"description": name, "weight_unit": 1.0})
             for place in np.ndindex(shards, shards):
                 folder.write(name, place, np.arange(count), cells)
-        folder.seal(_attributes(EvidenceMap(CELL), lo, lo, hi))
+        folder.seal(attributes_of(EvidenceMap(CELL), lo, lo, hi))
 
 
 def measure(path: Path) -> None:

@@ -262,7 +262,7 @@ def test_a_map_that_is_replaced_meanwhile(tmp_path: Path, monkeypatch: pytest.Mo
     """By a writer that asks for no lock: what it wrote is what is added to."""
     path = tmp_path / "map.zarr"
     a_map(FAR).save(path)
-    real, times = store._attributes, []
+    real, times = store.attributes_of, []
 
     def replaced_before(*args: Any) -> Any:
         times.append(1)
@@ -270,7 +270,7 @@ def test_a_map_that_is_replaced_meanwhile(tmp_path: Path, monkeypatch: pytest.Mo
             a_map({(7, 7): (ONE, 0)}).save(path, force=True)
         return real(*args)
 
-    monkeypatch.setattr(append, "_attributes", replaced_before)
+    monkeypatch.setattr(append, "attributes_of", replaced_before)
     append_map(a_map({(1, 1): (ONE, 0)}), path)
     assert votes_of(load_map(path)) == {(7, 7): (ONE, 0), (1, 1): (ONE, 0)}
     assert len(times) == 2
@@ -279,7 +279,7 @@ def test_a_map_that_is_replaced_meanwhile(tmp_path: Path, monkeypatch: pytest.Mo
         a_map(FAR).save(path, force=True)
         return real(*args)
 
-    monkeypatch.setattr(append, "_attributes", replaced_each_time)
+    monkeypatch.setattr(append, "attributes_of", replaced_each_time)
     monkeypatch.setattr(append, "_TRIES", 3)
     with pytest.raises(OutputError, match="was replaced each of the 3 times"):
         append_map(a_map({(1, 1): (ONE, 0)}), path)

@@ -10,6 +10,7 @@ import typer
 
 from oddsmap.cli.auto import fit_first
 from oddsmap.cli.build_plan import BuildPlan, MapSettings
+from oddsmap.cli.dask_mapping import make_map_on_cluster, open_on_cluster, workers_of
 from oddsmap.cli.doubts import doubt_of_estimator, doubts_of_settings
 from oddsmap.cli.log_options import LogOptions, takes_log_options
 from oddsmap.cli.mapping import make_map
@@ -55,6 +56,8 @@ HELP = """Map one or more logs: in 2D or 3D, as their scans are.
                                                     (maps larger than memory)
   oddsmap build sonar.npz --resolution 0.1 --hold-out 0.1 -o sonar.zarr
                                                     (see oddsmap score)
+  oddsmap build drives/*.bag --resolution 0.1 --dask tcp://10.0.0.1:8786 \\
+    -o s3://maps/city.zarr                          (see docs/scale.md)
 
 Reads {formats}: by their content, whatever they are called. docs/formats.md says what each needs.
 """
@@ -164,6 +167,23 @@ def build(
             "default half of what is free.",
         ),
     ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS|local",
+            help="Let the workers of a Dask cluster read and map the logs: the same bits. local: "
+            "as many processes here as --threads says; by default none.",
+        ),
+    ] = None,
+    chunk_scans: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="With --dask: scans that a worker takes at a time, by default a fourth of its "
+            "share, up to 2000.",
+        ),
+    ] = None,
     force: Annotated[bool, force_option("an existing map")] = False,
     as_json: Annotated[bool, json_option("the summary")] = False,
     quiet: Quiet = False,
@@ -196,17 +216,24 @@ def build(
         auto=auto,
         memory=memory,
         quiet=voice.still,
+        dask=dask,
+        chunk_scans=chunk_scans,
     )
-    opened = open_logs(plan)
     fitted = None
-    try:
-        if auto:
-            plan, opened, fitted = fit_first(plan, opened)
-        facts, report, notes = make_map(plan, opened)
-    except OddsmapError:
-        # What looks odd in a log may be why it makes no map.
-        _say_doubts(opened, voice, err=True)
-        raise
+    with workers_of(plan) as cluster:
+        on_cluster = None if cluster is None else open_on_cluster(plan, cluster)
+        opened = open_logs(plan) if on_cluster is None else on_cluster.opened
+        try:
+            if auto:
+                plan, opened, fitted = fit_first(plan, opened)
+            if on_cluster is None:
+                facts, report, notes = make_map(plan, opened)
+            else:
+                (facts, report), notes = make_map_on_cluster(plan, on_cluster), []
+        except OddsmapError:
+            # What looks odd in a log may be why it makes no map.
+            _say_doubts(opened, voice, err=True)
+            raise
     facts |= _facts_of_work(plan, opened, report)
     facts |= {} if fitted is None else {"auto": fitted}
     for part in opened.logs:

@@ -79,6 +79,9 @@ class BuildPlan:
         auto: whether the sensor is fitted to the logs.
         memory: what the map may take in memory, as "4GB"; None: half of what is free.
         quiet: whether to show no progress.
+        dask: whose workers make the map: the address of a scheduler, or "local"; None: this
+            process.
+        chunk_scans: how many scans a worker takes at a time; None: by their number.
 
     Raises:
         ConfigError: options do not go together, or the map cannot be written there.
@@ -99,12 +102,15 @@ class BuildPlan:
     auto: bool = False
     memory: str | None = None
     quiet: bool = False
+    dask: str | None = None
+    chunk_scans: int | None = None
 
     def __post_init__(self) -> None:
         from oddsmap.errors import ConfigError
 
         check_name(self.settings.sensor)
         self._check_estimator()
+        self._check_dask()
         _ = self.hold_out_every, self.memory_bytes
         if self.blocks and self.hold_out is None:
             raise ConfigError("--blocks says which scans are kept back: add --hold-out 0.1")
@@ -166,6 +172,41 @@ class BuildPlan:
             raise ConfigError(f"--memory belongs to --estimator filter alone: {why}")
         return bytes_of(self.memory)
 
+    @property
+    def url(self) -> str | None:
+        """Where the map goes, if that is no folder; None: it is one."""
+        from oddsmap.scale.map_places import url_of
+
+        return url_of(self.output)
+
+    @property
+    def target(self) -> str:
+        """Where the map goes, as text."""
+        return self.url or str(self.output)
+
+    def _check_dask(self) -> None:
+        from oddsmap.errors import ConfigError
+
+        if self.dask is None:
+            if self.chunk_scans is not None:
+                raise ConfigError("--chunk-scans is what a worker takes at a time: add --dask")
+            if self.url is not None:
+                raise ConfigError(
+                    f"{self.url}: maps at URLs are written by workers: add --dask local, or build "
+                    "it here and copy it"
+                )
+            return
+        others = {
+            "--estimator full-map": self.estimator == "full-map",
+            "--auto": self.auto,
+            "--hold-out": self.hold_out is not None,
+            "--append": self.append,
+            "--memory": self.memory is not None,
+        }
+        for name, given in others.items():
+            if given:
+                raise ConfigError(f"{name} works on one machine: leave out --dask, or {name}")
+
     def _check_settings(self) -> None:
         self.layers.check_estimator(self.estimator)
         if not self.append and "resolution" not in self.layers.fields("map"):
@@ -182,6 +223,12 @@ class BuildPlan:
         check_suffix(
             self.output, ("", ".zarr"), f"a map is a Zarr folder, by custom NAME.zarr{made}"
         )
+        if self.dask is not None:
+            from oddsmap.scale.cluster_output import check_output_place
+
+            # Logs are looked for where they are read.
+            check_output_place(self.target, force=self.force)
+            return
         read = [*self.logs, *self.log_options.files(*self.logs)]
         check_logs(self.logs)
         if self.append:

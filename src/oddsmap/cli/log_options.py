@@ -78,23 +78,26 @@ class LogOptions:
         """
         from oddsmap.readers import open_log
 
-        return open_log(
-            path,
-            poses=self.poses,
-            times=self.times,
-            tolerance_s=self.tolerance,
-            body_from_sensor=self.extrinsics,
-            camera=self.camera,
-            skip_bad=self.skip_bad,
-            points_in=self.points_in,
-            origin=self.origin,
-            columns=self.columns,
-            depth_scale=self.depth_scale,
-            scans=self.scans,
-            frame=self.frame,
-            clock_offset_s=self.clock_offset,
-            deskew={"on": True, "off": False}.get(self.deskew),
-        )
+        return open_log(path, **self.arguments())
+
+    def arguments(self) -> dict[str, Any]:
+        """The same as arguments of `oddsmap.open_log`."""
+        return {
+            "poses": self.poses,
+            "times": self.times,
+            "tolerance_s": self.tolerance,
+            "body_from_sensor": self.extrinsics,
+            "camera": self.camera,
+            "skip_bad": self.skip_bad,
+            "points_in": self.points_in,
+            "origin": self.origin,
+            "columns": self.columns,
+            "depth_scale": self.depth_scale,
+            "scans": self.scans,
+            "frame": self.frame,
+            "clock_offset_s": self.clock_offset,
+            "deskew": {"on": True, "off": False}.get(self.deskew),
+        }
 
 
 def _read(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from oddsmap.cli.sensor_names import check_width, may_be_called, sensor_name
 
@@ -16,16 +16,29 @@ if TYPE_CHECKING:
     from oddsmap.scans.log import Log
     from oddsmap.sensors.registry import Sensor
 
-__all__ = ["OpenedLog", "OpenedLogs", "open_logs", "watched"]
+__all__ = ["OpenedLog", "OpenedLogs", "checked_logs", "open_logs", "watched"]
 
 
 @dataclass(frozen=True, slots=True)
 class OpenedLog:
-    """A log, without the scans that are kept back, its configuration, and a look at its scans."""
+    """A log, without the scans that are kept back, its configuration, and a look at its scans.
+
+    Args:
+        log: what is mapped.
+        config: for its map.
+        sample: fills while it is read, where it is watched.
+        head: the log as it was opened.
+    """
 
     log: Log
     config: Config
     sample: Sample
+    head: Any
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether the sample fills."""
+        return not getattr(self.head, "points_in_map", False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,13 +64,27 @@ def open_logs(plan: BuildPlan) -> OpenedLogs:
     Raises:
         OddsmapError: a log cannot be read, or does not fit the plan or the other logs.
     """
-    from oddsmap.cli.append_settings import configs_to_append
     from oddsmap.scans.log import parts_of
-    from oddsmap.scans.split_log import run_of
 
     started = time.perf_counter()
     logs = [part for path in plan.logs for part in parts_of(plan.log_options.open(path))]
-    read_s = time.perf_counter() - started
+    return checked_logs(plan, logs, time.perf_counter() - started)
+
+
+def checked_logs(plan: BuildPlan, logs: list[Any], read_s: float) -> OpenedLogs:
+    """Check that logs make one map.
+
+    Args:
+        plan: the plan.
+        logs: its logs, in parts.
+        read_s: how long it took to open them [s].
+
+    Raises:
+        OddsmapError: a log does not fit the plan or the other logs.
+    """
+    from oddsmap.cli.append_settings import configs_to_append
+    from oddsmap.scans.split_log import run_of
+
     for log in logs:
         check_width(log, plan.settings.sensor)
     if plan.append:
@@ -129,4 +156,4 @@ def _watched(log: Log, config: Config, every: int | None, run: int) -> OpenedLog
 
     whole, sample = watched(log, config.sensor)
     mapped = whole if every is None else hold_out(whole, every, run)[0]
-    return OpenedLog(mapped, config, sample)
+    return OpenedLog(mapped, config, sample, log)

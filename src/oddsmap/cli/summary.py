@@ -92,9 +92,12 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
     else:
         seen, *where = lines_of_map(facts)
     yield seen
+    who = f"{facts['threads']} threads"
+    if "workers" in facts:
+        who = f"{facts['workers']} workers together"
     yield (
         f"time     {facts['read_s']:.2f} s reading, {facts['integrate_s']:.2f} s mapping "
-        f"({facts['threads']} threads), {facts['compile_s']:.2f} s getting ready"
+        f"({who}), {facts['compile_s']:.2f} s getting ready"
     )
     if "spilled" in facts:
         times, size = facts["spilled"]["times"], facts["spilled"]["bytes"]
@@ -122,7 +125,11 @@ def lines_of_map(facts: dict[str, Any]) -> Iterator[str]:
     seen = f"{facts['area_m2']:,.1f} square" if flat else f"{facts['volume_m3']:,.1f} cubic"
     yield (f"seen     {seen} metres in {facts['cells_known']:,} cells of {facts['resolution']:g} m")
     output = facts["output"]
-    yield (f"map      {output} ({facts['bytes_on_disk'] / 1000:,.0f} kB)")
+    size = facts["bytes_on_disk"]
+    if size is None:  # at a URL, from where the other commands do not read
+        yield f"map      {output}"
+        return
+    yield (f"map      {output} ({size / 1000:,.0f} kB)")
     picture = Path(output).with_suffix(".png" if flat else ".ply")
     others = "or .yaml for ROS" if flat else "or .bt; .png with --z-min, --z-max"
     as_advised = " --posterior calibrated" if posterior == "calibrated" else ""

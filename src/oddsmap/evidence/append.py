@@ -21,7 +21,7 @@ from oddsmap.atomic_write import one_writer
 from oddsmap.errors import InputError, OutputError
 from oddsmap.evidence.append_arrays import Place, UntouchedShards, stored_tiles
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.store import _attributes, _empty_map, _header_of, read_empty
+from oddsmap.evidence.store import _empty_map, _header_of, attributes_of, read_empty
 from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import SHARD, new_folder, shard_files
 from oddsmap.map_files.zarr_header import Header, whole_numbers
@@ -148,7 +148,7 @@ def _append(evidence: Evidence, path: Path, *, any_sensor: bool) -> Appended:
                 except InputError:
                     check()  # damaged, or replaced meanwhile
                     raise
-        attributes = _attributes(total, first * side, lo, hi)
+        attributes = attributes_of(total, first * side, lo, hi)
         folder.seal({**old.header.attributes, **attributes})
     return Appended(total.cell_count() - before, len(reached), len(kept), copied, why)
 

@@ -63,11 +63,14 @@ from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 
 __all__ = [
     "MapWriter",
+    "attributes_of",
+    "extent_of",
     "is_map",
     "new_saved_map",
     "read_empty",
     "read_map",
     "save_map",
+    "stored_arrays",
     "stores_of",
 ]
 
@@ -173,20 +176,43 @@ def new_saved_map(
     Raises:
         OutputError: as in `save_map`.
     """
-    d = like.ndim
-    shard = SHARD[d]
+    lo, hi, first, shape = extent_of(censuses, like.ndim)
+    with new_folder(Path(path), shape, force=force) as folder:
+        yield MapWriter(folder, censuses, first // SHARD[like.ndim])
+        folder.seal(attributes_of(like, first, lo, hi))
+
+
+def extent_of(
+    censuses: Sequence[Census], d: int
+) -> tuple[IntArray, IntArray, IntArray, tuple[int, ...]]:
+    """Where a map lies.
+
+    Args:
+        censuses: of the weights that are counted together.
+        d: 2 or 3.
+
+    Returns:
+        Its first known cell, the cell past its last, the first cell of its arrays, shape (d,) each,
+        x first; and the shape of the arrays.
+    """
     boxes = [census.bounds for census in censuses if census.bounds is not None]
     boxes = boxes or [(np.zeros(d, np.int64), np.ones(d, np.int64))]
     lo = np.min([first for first, _ in boxes], axis=0)
     hi = np.max([past for _, past in boxes], axis=0)
+    shard = SHARD[d]
     first = lo // shard * shard
-    shape = tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
-    with new_folder(Path(path), shape, force=force) as folder:
-        yield MapWriter(folder, censuses, first // shard)
-        folder.seal(_attributes(like, first, lo, hi))
+    return lo, hi, first, tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
 
 
-def _attributes(evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray) -> dict[str, Any]:
+def stored_arrays(evidence: Evidence) -> list[dict[str, str]]:
+    """Names and descriptions of the arrays of a map, by what is counted together."""
+    return [_VOTES] if evidence.lengths is None else [_VOTES, _LENGTHS]
+
+
+def attributes_of(
+    evidence: Evidence, first: IntArray, lo: IntArray, hi: IntArray
+) -> dict[str, Any]:
+    """What a saved map says of itself; the cells are those of `extent_of`."""
     return {
         "format": EVIDENCE_MAP,
         "format_version": FORMAT_VERSION,

@@ -28,7 +28,7 @@ from oddsmap.scans.measurement import Measurement
 from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor, settings_of
 
-__all__ = ["add_log", "add_scans", "facts_of", "ndim_of"]
+__all__ = ["add_log", "add_scans", "facts_of", "ndim_of", "warn_of_no_returns"]
 
 
 def add_log(
@@ -103,7 +103,7 @@ def add_scans(
     with memory_for("what the scans need", "use a coarser resolution, a range_max, fewer threads"):
         workers = WorkerPool(evidence, sensor, threads, method)
         report = Report(compile_s=compile_kernels(evidence, sensor, method))
-        for scan_count, beam_count, skipped in workers.run(_warn_of_no_returns(given, sensor)):
+        for scan_count, beam_count, skipped in workers.run(warn_of_no_returns(given, sensor)):
             report.add(scan_count, beam_count, skipped)
             if progress is not None:
                 skipped_scans = sum(
@@ -114,7 +114,7 @@ def add_scans(
     return report
 
 
-def _warn_of_no_returns(scans: Iterable[Measurement], sensor: Sensor) -> Iterator[Measurement]:
+def warn_of_no_returns(scans: Iterable[Measurement], sensor: Sensor) -> Iterator[Measurement]:
     """The scans; warns where they know what a no-return looks like and the sensor does not."""
     rest = scans_alone(scans)
     for first in rest:

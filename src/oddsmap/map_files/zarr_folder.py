@@ -44,6 +44,7 @@ __all__ = [
     "new_folder",
     "read_json",
     "shard_files",
+    "why_no_map",
 ]
 
 EVIDENCE_MAP = "oddsmap evidence map"
@@ -157,13 +158,21 @@ class NewFolder:
                 (self.path / name / "zarr.json").write_text(text, encoding="ascii")
                 (self.path / name / "c" / "0").write_bytes(pack_axis(centres))
 
-    def seal(self, attributes: Mapping[str, Any]) -> None:
-        """Write the group, once all shards are written, and the coordinates."""
+    def seal(
+        self, attributes: Mapping[str, Any], written: Mapping[str, list[list[int]]] | None = None
+    ) -> None:
+        """Write the group, once all shards are written, and the coordinates.
+
+        Args:
+            attributes: of the group.
+            written: places of the shards of each array, z before y before x, in order; None: those
+                that are in the folder.
+        """
         d = len(self.shape)
         self._write_axes(attributes["origin_cell"], attributes["resolution"])
-        written = {name: shard_files(self.path, name, d) for name in self._fills}
+        shards = written or {name: shard_files(self.path, name, d) for name in self._fills}
         # As a reader will have them: a tuple is a list there.
-        own = json.loads(json.dumps({**attributes, "shards": written, "save": self.save}))
+        own = json.loads(json.dumps({**attributes, "shards": shards, "save": self.save}))
         arrays = {name: read_json(self.path / name / "zarr.json") for name in self._fills}
         text = group_json({**own, "digest": digest_of(own, arrays)})
         (self.path / "zarr.json").write_text(text, encoding="ascii")
@@ -190,7 +199,7 @@ def new_folder(
     """
 
     def why_not(old: Path) -> str | None:
-        reason = _why_no_map(old)
+        reason = why_no_map(old)
         check()
         return reason
 
@@ -205,10 +214,10 @@ def check_map_output(path: Path, *, force: bool = False) -> None:
         OutputError: it exists and `force` is False, it is no map of ours, or one with other
             people's files in it, or its folder is missing or not writable.
     """
-    check_output(path, force=force, why_not=_why_no_map)
+    check_output(path, force=force, why_not=why_no_map)
 
 
-def _why_no_map(path: Path) -> str | None:
+def why_no_map(path: Path) -> str | None:
     """Why a map does not take the place of what is there: the least that is not ours."""
     if not path.is_dir():
         empty = path.is_file() and path.stat().st_size == 0

@@ -76,10 +76,15 @@ class Sample:
     def __post_init__(self) -> None:
         self._stride = max(1, (self.expected or 0) // self.places)
 
-    def watch(self, scans: Iterable[Measurement]) -> Iterator[Measurement]:
-        """The same scans, from the first one of the log; the sample fills as they are taken."""
+    def watch(self, scans: Iterable[Measurement], first: int = 0) -> Iterator[Measurement]:
+        """The same scans; the sample starts again, and fills as they are taken.
+
+        Args:
+            scans: those of a log, from one of them on.
+            first: the number of the first of them.
+        """
         self._kept.clear()
-        for number, scan in enumerate(scans):
+        for number, scan in enumerate(scans, first):
             if self.wants(number):
                 self.add(number, scan)
             yield scan
@@ -97,6 +102,10 @@ class Sample:
         if len(self._kept) > 2 * self.places * (1 + len(self.gaps)):
             self._stride *= 2
             self._kept = {n: kept for n, kept in self._kept.items() if self.wants(n)}
+
+    def include(self, other: Sample) -> None:
+        """Take in what was kept of another part of the same log."""
+        self._kept = dict(sorted({**self._kept, **other._kept}.items()))
 
     @property
     def glances(self) -> list[Glance]:

@@ -19,6 +19,7 @@ from oddsmap.readers.pose_association import PoseMatch
 from oddsmap.scans.beam_times import after_stamp
 from oddsmap.scans.beam_timing import BeamTiming, choose_deskew, left_out_note
 from oddsmap.scans.deskew import deskew
+from oddsmap.scans.found import Found
 from oddsmap.scans.note import Note
 from oddsmap.scans.scan import Scan
 
@@ -39,6 +40,7 @@ class MovingClouds:
         read: the cloud of a number.
         match: their poses; None where each cloud has one of its own.
         options: what the caller says.
+        found: where beams that are left out are counted.
 
     Raises:
         InputError: they are to be deskewed, and have no times, or their poses have none.
@@ -51,12 +53,12 @@ class MovingClouds:
         read: Callable[[int], Cloud],
         match: PoseMatch | None,
         options: ReadOptions,
+        found: Found,
     ) -> None:
         self.notes: tuple[Note, ...] = ()
         self._deskews = False
         self._options = options
-        # By number, so that a cloud that is read again is not counted again.
-        self._left_out: dict[int, int] = {}
+        self._left_out = found.left_out
         self._track = None if match is None else match.track
         if options.deskew is False or (options.points_in == "map" and not options.deskew):
             return

@@ -8,7 +8,7 @@ file, a PCD's VIEWPOINT is the pose: for a single cloud also where it is the ide
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
 from pathlib import Path
 
@@ -37,6 +37,7 @@ from oddsmap.readers.pose_association import (
 from oddsmap.readers.pose_file import PoseFile
 from oddsmap.readers.sensor_track import pose_at
 from oddsmap.readers.viewpoints import any_viewpoint, frame_note, in_sensor_frame
+from oddsmap.scans.found import Found
 from oddsmap.scans.lazy_log import LazyLog
 from oddsmap.scans.memory_log import LoadedLog
 from oddsmap.scans.note import Note
@@ -99,15 +100,16 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
     else:
         options.refuse(name, f"a folder of {kind} files", "columns")
     match, notes = _match(name, folder, suffix, files, options)
-    found = _FoundNotes(files)
+    found = Found()
     moving = MovingClouds(
-        name, len(files), lambda i: read_cloud(open_source(files[i])), match, options
+        name, len(files), lambda i: read_cloud(open_source(files[i])), match, options, found
     )
 
     def read_scan(i: int) -> Scan:
         source = open_source(files[i])
         cloud = read_cloud(source)
-        found.add(i, cloud.notes)
+        for note in cloud.notes:
+            found.notes.setdefault(note.code, {})[i] = note
         if options.origin is not None:
             pose, stamp_ns = pose_at(np.array(options.origin)), None
         elif match is None:
@@ -125,34 +127,19 @@ def open_scan_folder(name: str, suffix: str, files: list[Path], options: ReadOpt
         read_scan=read_scan,
         skip_bad=options.skip_bad,
         opening_notes=(*opening, *notes, *moving.notes),
-        found_notes=lambda: (*found.notes(), *moving.found_notes),
+        found_notes=lambda: (*_notes_on(files, found), *moving.found_notes),
         found_skipped=lambda: moving.skipped,
+        found=found,
     )
 
 
-class _FoundNotes:
+def _notes_on(files: list[Path], found: Found) -> Iterator[Note]:
     """What files say when they are read: each kind of note once, with its first file."""
-
-    def __init__(self, files: list[Path]) -> None:
-        self._files = files
-        # By number, so that a file that is read again is not counted again.
-        self._by_code: dict[str, dict[int, Note]] = {}
-
-    def add(self, i: int, notes: tuple[Note, ...]) -> None:
-        """Keep the notes on the file of a number."""
-        for note in notes:
-            self._by_code.setdefault(note.code, {})[i] = note
-
-    def notes(self) -> tuple[Note, ...]:
-        """One note for each kind so far."""
-        return tuple(self._summary(of_files) for of_files in self._by_code.values())
-
-    def _summary(self, of_files: dict[int, Note]) -> Note:
+    for of_files in found.notes.values():
         i = min(of_files)
         first = of_files[i]
         count = f"{len(of_files)} files, the first " if len(of_files) > 1 else ""
-        text = f"{count}{self._files[i]}: {first}"
-        return Note(text, code=first.code, severity=first.severity)
+        yield Note(f"{count}{files[i]}: {first}", code=first.code, severity=first.severity)
 
 
 def open_single_cloud(kind: str, read_cloud: Callable[[Source], Cloud]) -> Callable[..., LoadedLog]:

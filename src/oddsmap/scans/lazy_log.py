@@ -11,6 +11,7 @@ from typing import Any
 from oddsmap.errors import InputError
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
+from oddsmap.scans.found import Found
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.log_items import LogItems, ReadOnDemand
 from oddsmap.scans.note import Note, bad_scans
@@ -35,6 +36,7 @@ class LazyLog(ReadOnDemand):
         sensor: what the log states about its sensor.
         found_notes: what reading scans has shown so far.
         found_skipped: beams that were left out of scans so far, by reason.
+        found: where the last two are kept, and which scans could not be read.
     """
 
     path: str
@@ -47,15 +49,14 @@ class LazyLog(ReadOnDemand):
     sensor: Mapping[str, float] = field(default_factory=dict)
     found_notes: Callable[[], tuple[Note, ...]] = tuple
     found_skipped: Callable[[], Counter[str]] = Counter
-    # By number, so that a scan met again when the log is read again is not counted again.
-    _bad: dict[int, InputError] = field(default_factory=dict, init=False, repr=False)
+    found: Found = field(default_factory=Found)
 
     @property
     def skipped(self) -> Counter[str]:
         """What could not be read, by reason, as far as the log has been read."""
         reasons = (
             "scan.no_pose" if isinstance(error, NoPoseError) else "scan.unreadable"
-            for error in self._bad.values()
+            for error in self.found.bad.values()
         )
         return self.opening_skipped + Counter(reasons) + self.found_skipped()
 
@@ -63,10 +64,10 @@ class LazyLog(ReadOnDemand):
     def notes(self) -> tuple[Note, ...]:
         """What to know about this log, one sentence each."""
         notes = (*self.opening_notes, *self.found_notes())
-        if not self._bad:
+        if not self.found.bad:
             return notes
-        first = self._bad[min(self._bad)]
-        return (*notes, bad_scans(len(self._bad), first))
+        first = self.found.bad[min(self.found.bad)]
+        return (*notes, bad_scans(len(self.found.bad), first))
 
     @property
     def sensors(self) -> Mapping[str, SensorInfo]:
@@ -79,13 +80,22 @@ class LazyLog(ReadOnDemand):
 
     def __iter__(self) -> Iterator[Any]:
         """The measurements in order; can be started again."""
-        for i in range(self.scan_count):
+        return self.between(0, self.scan_count)
+
+    def between(self, first: int, past: int) -> Iterator[Any]:
+        """The measurements of some numbers, without reading any other.
+
+        Args:
+            first: the first number, 0 or above.
+            past: the number after the last one.
+        """
+        for i in range(first, min(past, self.scan_count)):
             try:
                 scan = self._read(i)
             except InputError as error:
                 if not self.skip_bad:
                     raise
-                self._bad[i] = error
+                self.found.bad[i] = error
                 continue
             yield scan
 

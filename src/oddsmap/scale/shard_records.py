@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts of maps on their way: packed shards, one after the other, by groups of shards.
+
+A shard is packed as in a saved map (`oddsmap.map_files.shard_bytes`), with as few bytes a number as
+its own weights need. All maps of a resolution have one grid of shards, so the same shard of many
+parts adds up to the shard of the map.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from oddsmap.evidence.evidence import Evidence
+from oddsmap.evidence.tile_counts import counts_of, retiled
+from oddsmap.evidence.tiles import TileStore
+from oddsmap.kernels.units import HITS, ONE, PASSES
+from oddsmap.limits import TILE_SIDE
+from oddsmap.map_files.chunk_blocks import blocks_by_shard
+from oddsmap.map_files.shard_bytes import pack_shard
+from oddsmap.map_files.zarr_folder import CHUNK, SHARD
+
+__all__ = ["GROUP", "VOTES", "PackedArray", "PackedShard", "join", "packed_groups", "split"]
+
+GROUP = {2: 1, 3: 4}
+"""Side of a group of shards, which has one owner: 51 m for 2D maps of 0.05 m, 3D ones of 0.1 m."""
+
+VOTES, LENGTHS = ("hits", "passes"), ("lengths",)
+_KINDS = (VOTES, LENGTHS)
+_LENGTH = struct.Struct("<Q")
+
+Index = tuple[int, ...]
+
+
+class PackedArray(NamedTuple):
+    """One array of a shard."""
+
+    dtype: str
+    """Of its numbers, unsigned."""
+    unit: int
+    """Units of 1/65536 in one count: 1, or 65536."""
+    content: bytes
+    """As `oddsmap.map_files.shard_bytes.pack_shard` makes it."""
+
+
+class PackedShard(NamedTuple):
+    """What there is of one shard."""
+
+    place: Index
+    """In shards from cell 0, shape (d,), x first."""
+    arrays: dict[str, PackedArray]
+    """By their names; one without a weight is not there."""
+
+
+def packed_groups(evidence: Evidence) -> dict[Index, bytes]:
+    """A map, by groups of shards.
+
+    Returns:
+        For each group, by its place in groups from cell 0, x first, what `split` takes.
+    """
+    shards: dict[Index, PackedShard] = {}
+    for names, tiles in zip(_KINDS, (evidence.tiles, evidence.lengths), strict=True):
+        if tiles is not None:
+            for place, arrays in _packed(tiles, names):
+                shards.setdefault(place, PackedShard(place, {})).arrays.update(arrays)
+    groups: dict[Index, list[PackedShard]] = {}
+    for place in sorted(shards):
+        group = tuple(i // GROUP[evidence.ndim] for i in place)
+        groups.setdefault(group, []).append(shards[place])
+    return {group: join(of_group) for group, of_group in groups.items()}
+
+
+def _packed(
+    tiles: TileStore, names: tuple[str, ...]
+) -> Iterator[tuple[Index, dict[str, PackedArray]]]:
+    d = tiles.ndim
+    census = tiles.census()
+    unit = ONE if census.whole_votes else 1
+    dtype = np.min_scalar_type(census.largest // unit)
+    # Only a caller's own tiles reach over a chunk.
+    fitting = tiles if CHUNK[d] % tiles.side == 0 else retiled(tiles, TILE_SIDE[d])
+    channels = (HITS, PASSES) if names == VOTES else (PASSES,)
+    for shard in blocks_by_shard(fitting.coords, fitting.side):
+        arrays = {}
+        for name, channel in zip(names, channels, strict=True):
+            counts = counts_of(fitting, shard.blocks, channel, unit, dtype)
+            chunks = shard.to_chunks(counts, fitting.side)
+            content = pack_shard(shard.numbers, chunks, (SHARD[d] // CHUNK[d]) ** d, 0)
+            if content is not None:
+                arrays[name] = PackedArray(dtype.name, unit, content)
+        if arrays:
+            yield tuple(shard.place.tolist()), arrays
+
+
+def join(shards: Iterable[PackedShard]) -> bytes:
+    """Packed shards as bytes: what they are as JSON, behind its length, and their contents."""
+    head, contents = [], []
+    for shard in shards:
+        arrays = [[name, a.dtype, a.unit, len(a.content)] for name, a in shard.arrays.items()]
+        head.append([list(shard.place), arrays])
+        contents += [array.content for array in shard.arrays.values()]
+    text = json.dumps(head, separators=(",", ":")).encode()
+    return b"".join([_LENGTH.pack(len(text)), text, *contents])
+
+
+def split(content: bytes) -> list[PackedShard]:
+    """The inverse of `join`.
+
+    Raises:
+        ValueError: it is not what `join` makes.
+    """
+    try:
+        (length,) = _LENGTH.unpack_from(content)
+        at = _LENGTH.size + length
+        shards = []
+        for place, listed in json.loads(content[_LENGTH.size : at]):
+            arrays = {}
+            for name, dtype, unit, size in listed:
+                arrays[name] = PackedArray(dtype, unit, content[at : at + size])
+                at += size
+            shards.append(PackedShard(tuple(place), arrays))
+    except (struct.error, ValueError, TypeError) as error:
+        raise ValueError(f"a part of a map is damaged ({error})") from None
+    if at != len(content):
+        raise ValueError(f"a part of a map has {len(content)} bytes, and says {at}")
+    return shards

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parts of maps, packed and added up, against sums of whole numbers cell by cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from oddsmap import EvidenceMap, MapTooLargeError
+from oddsmap.scale.group_tasks import GroupSum, add_group
+from oddsmap.scale.map_places import LocalPlace
+from oddsmap.scale.shard_records import GROUP, PackedShard, join, packed_groups, split
+from oddsmap.scale.shard_sums import add_shards, as_stored
+from oddsmap.scale.worker_versions import versions_here
+from tests.kit import ONE, Votes, add_votes
+
+SMALL = st.one_of(
+    st.integers(0, 3).map(lambda n: n * ONE),
+    st.integers(0, 300).map(lambda n: n * ONE),
+    st.integers(0, 1 << 20),
+)
+
+
+def indices(d: int) -> st.SearchStrategy[tuple[int, ...]]:
+    near = st.integers(-3, 3)
+    return st.tuples(*[st.one_of(near, st.integers(-3000, 3000))] * d)
+
+
+def cells(d: int) -> st.SearchStrategy[Votes]:
+    weights = st.tuples(SMALL, SMALL).filter(any)
+    return st.dictionaries(indices(d), weights, max_size=6)
+
+
+def evidence_of(votes: Votes, d: int) -> EvidenceMap:
+    evidence = EvidenceMap(1.0, ndim=d)
+    if votes:
+        add_votes(evidence, votes)
+    return evidence
+
+
+@given(st.sampled_from((2, 3)).flatmap(lambda d: st.tuples(st.just(d), st.lists(cells(d)))))
+@settings(max_examples=20)
+def test_parts_add_up_as_cells_do(drawn: tuple[int, list[Votes]]) -> None:
+    d, parts = drawn
+    total: Votes = {}
+    for votes in parts:
+        for cell, (hits, passes) in votes.items():
+            before = total.get(cell, (0, 0))
+            total[cell] = before[0] + hits, before[1] + passes
+    whole = evidence_of(total, d)
+    groups = [packed_groups(evidence_of(votes, d)) for votes in parts]
+    for group in {name for each in groups for name in each}:
+        sums = add_shards([split(each[group]) for each in groups if group in each], d)
+        edge = GROUP[d] * (1024 if d == 2 else 128)
+        inside = {c: v for c, v in total.items() if tuple(i // edge for i in c) == group}
+        own = evidence_of(inside, d)
+        census = own.census()
+        assert sums.votes._replace(bounds=None) == census._replace(bounds=None)
+        assert np.array_equal(np.array(sums.votes.bounds), np.array(census.bounds))
+        assert sums.lengths.bounds is None
+        # What is packed of the sum is what is packed of the map.
+        assert stored(sums.shards, d) == stored(split(packed_groups(own)[group]), d)
+    assert {name for each in groups for name in each} == set(packed_groups(whole))
+
+
+def stored(shards: list[PackedShard], d: int) -> dict[tuple[object, str], bytes]:
+    return {
+        (shard.place, name): as_stored(array, "uint64", 1, d)
+        for shard in shards
+        for name, array in shard.arrays.items()
+    }
+
+
+def test_many_parts_in_any_order_and_by_way_of_sums(tmp_path: Path) -> None:
+    place, versions = LocalPlace(str(tmp_path), "writing"), versions_here()
+    rng = np.random.default_rng(0)
+    whole, refs = EvidenceMap(1.0, ndim=3), []
+    from oddsmap.scale.chunk_task import PartRef
+
+    for number in range(9):
+        part = EvidenceMap(1.0, ndim=3)
+        index = rng.integers(0, 200, (50, 3))
+        part.add_cells(index, np.full(50, ONE), np.full(50, 40 * ONE))
+        whole.merge(part)
+        (content,) = packed_groups(part).values()
+        place.put(f"parts/{number}", content)
+        refs.append(PartRef(f"parts/{number}", 0, len(content)))
+    at_once = add_group(versions, place, refs, (), 3)
+    halves = [add_group(versions, place, some, (), 3) for some in (refs[4:], refs[3::-1])]
+    by_halves = add_group(versions, place, (), halves, 3)
+    assert isinstance(at_once, GroupSum)
+    assert isinstance(by_halves, GroupSum)
+    assert at_once.content == by_halves.content
+    assert at_once.votes.largest == whole.census().largest
+    (content,) = packed_groups(whole).values()
+    assert stored(split(at_once.content), 3) == stored(split(content), 3)
+
+
+def test_lengths_go_along() -> None:
+    parts = []
+    for passes in (3, 5):
+        part = EvidenceMap(1.0, votes="beam", path_lengths=True)
+        assert part.lengths is not None
+        part.add_cells([[0, 0]], [ONE], [0])  # type: ignore[arg-type]
+        part.lengths.add_cells(np.array([[1500, 1]]), np.array([[0, passes]]))
+        parts.append([shard for group in packed_groups(part).values() for shard in split(group)])
+    sums = add_shards(parts, 2)
+    assert (sums.votes.hits, sums.votes.cells, sums.lengths.passes) == (2 * ONE, 1, 8)
+    assert sums.lengths.bounds is not None
+    assert [shard.place for shard in sums.shards] == [(0, 0), (1, 0)]
+    assert [set(shard.arrays) for shard in sums.shards] == [{"hits"}, {"lengths"}]
+
+
+def test_too_many_votes() -> None:
+    heavy = EvidenceMap(1.0)
+    heavy.add_cells([[0, 0]], [1 << 62], [0])  # type: ignore[arg-type]
+    (content,) = packed_groups(heavy).values()
+    for count in (2, 9):
+        with pytest.raises(MapTooLargeError, match=r"pass 2\^46 votes"):
+            add_shards([split(content)] * count, 2)
+
+
+@pytest.mark.parametrize("cut", [3, 20, -1])
+def test_a_damaged_part(cut: int) -> None:
+    (content,) = packed_groups(evidence_of({(0, 0): (ONE, 0)}, 2)).values()
+    with pytest.raises(ValueError, match="a part of a map"):
+        split(content[:cut])
+    assert join(split(content)) == content
+
+
+def test_a_place_writes_whole_contents_and_none_after_its_end() -> None:
+    with TemporaryDirectory() as folder:
+        place = LocalPlace(folder, "writing")
+        place.put("a/b", b"12345")
+        place.put("a/b", b"12345")
+        assert place.get("a/b", 1, 3) == b"234"
+        with pytest.raises(OSError, match="3 bytes where 9 were written"):
+            place.get("a/b", 2, 9)
+        place.remove("a")
+        with pytest.raises(OSError):
+            place.get("a/b", 0, 1)
+    with pytest.raises(OSError):
+        place.put("a/b", b"late")
+    assert not Path(folder).exists()
