@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from oddsmap.atomic_write import atomic_output, check_output
+from oddsmap.errors import OutputError
 from oddsmap.map_files.shard_bytes import pack_axis, pack_shard
 from oddsmap.map_files.zarr_metadata import AXES, array_json, axis_json, group_json
 
@@ -175,6 +176,12 @@ class NewFolder:
         own = json.loads(json.dumps({**attributes, "shards": shards, "save": self.save}))
         arrays = {name: read_json(self.path / name / "zarr.json") for name in self._fills}
         text = group_json({**own, "digest": digest_of(own, arrays)})
+        if len(text) > _MAX_JSON:  # nobody would read it
+            count = sum(map(len, shards.values()))
+            raise OutputError(
+                f"{self.path.name}: {count} files of cells are more than a map lists: make "
+                "one map of each region, or use a coarser resolution"
+            )
         (self.path / "zarr.json").write_text(text, encoding="ascii")
 
 

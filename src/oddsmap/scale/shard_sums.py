@@ -81,6 +81,8 @@ def _add(
             "a cell's weight would pass 2^46 votes (2^62 units): "
             "the same evidence has been added many times over"
         )
+    if all(len(arrays) < 2 for arrays in given.values()):  # most are seen by one chunk alone
+        return {name: arrays[0] for name, arrays in given.items() if arrays}, census
     dtype = np.min_scalar_type(census.largest // unit)
     packed = {}
     for name, cells in zip(names, sums, strict=True):
