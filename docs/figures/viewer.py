@@ -196,7 +196,7 @@ def main() -> None:
         path = Path(folder) / "town.html"
         path.write_text(single_page("town.zarr", space_payload(space, "town.zarr")))
         programs = (
-            ("light", "(oddsmap.camera.zoom(1.25), oddsmap.store.set({}))", (193, 364)),
+            ("light", "(oddsmap.camera.zoom(1.25), oddsmap.store.set({}))", (336, 231)),
             (
                 "dark",
                 "(oddsmap.camera.zoom(4), oddsmap.camera.turn(0, -60),"
