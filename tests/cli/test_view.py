@@ -157,7 +157,7 @@ def test_a_log_alone_is_mapped_as_build_does(run: Run, office: Path, tmp_path: P
         command = f"oddsmap build office.log.gz --resolution {side} -o office.zarr"
         assert f"mapped   office.log.gz at {side} m" in done.out
         assert ("--resolution sets another side" in done.out) == (not words)
-        assert command in done.out
+        assert command.replace("office.log.gz", str(office)) in done.out, "it runs as it is"
         assert run("build", office, "--resolution", side, "-o", built, "--force").status == 0
         payload, log = data_of(page)
         one = 65536

@@ -198,6 +198,33 @@ def test_a_click_lists_who_voted(served: Opened, office: tuple[EvidenceMap, Any]
     assert served.get("oddsmap.log.why.cell") is None
 
 
+def asked_and_described(found: Opened) -> tuple[str, str]:
+    """The cell that was asked about, and the one below the map."""
+    found.page.wait_for_function("() => oddsmap.log.why.cell")
+    asked = "cell " + ", ".join(map(str, found.get("oddsmap.log.why.cell")))
+    return asked, found.words().replace("\u2212", "-")
+
+
+def test_what_is_asked_about_is_what_is_pointed_at(served: Opened) -> None:
+    """A click comes in whole pixels, a pointer is between them: from afar that is another cell."""
+    served.get("oddsmap.camera.fit()")
+    box = served.page.locator(".map canvas").first.bounding_box()
+    assert box is not None
+    for far in range(10):
+        served.get("oddsmap.log.why.clear.click()")
+        at = (0.3 + 0.04 * far) * box["width"], 0.5 * box["height"]
+        served.page.mouse.click(box["x"] + int(at[0]) + 0.9, box["y"] + int(at[1]) + 0.9)
+        asked, words = asked_and_described(served)
+        assert f"{asked}\n" in words
+
+
+def test_a_tap_describes_and_asks(browser: Browser, office: tuple[EvidenceMap, Any]) -> None:
+    with serving(*office) as url, opened(browser, url, has_touch=True) as found:
+        found.page.locator(".map canvas").first.tap()
+        asked, words = asked_and_described(found)
+        assert f"{asked}\n" in words
+
+
 def test_dragging_and_a_double_click_ask_once_or_not(served: Opened) -> None:
     asked = len([url for url in served.requests if "why?" in url])
     box = served.page.locator(".map canvas").first.bounding_box()

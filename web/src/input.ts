@@ -27,6 +27,8 @@ export function listen(canvas: HTMLCanvasElement, camera: Camera, moves: Moves):
   const { signal } = ending;
   const pointers = new Map<number, [number, number]>();
   let down = { x: 0, y: 0 };
+  /** Where a pointer was lifted: a click itself comes in whole pixels, and may be of the cell beside. */
+  let up: [number, number] = [0, 0];
   const place = (event: MouseEvent): [number, number] => {
     const box = canvas.getBoundingClientRect();
     const pixels = camera.width / box.width;
@@ -38,6 +40,7 @@ export function listen(canvas: HTMLCanvasElement, camera: Camera, moves: Moves):
     down = { x: event.clientX, y: event.clientY };
     pointers.set(event.pointerId, place(event));
     canvas.classList.add("held");
+    moves.pointed(place(event));
   }, { signal });
   canvas.addEventListener("pointermove", (event) => {
     const now = place(event);
@@ -60,14 +63,18 @@ export function listen(canvas: HTMLCanvasElement, camera: Camera, moves: Moves):
   for (const name of ["pointerup", "pointercancel"] as const) {
     canvas.addEventListener(name, (event) => {
       pointers.delete(event.pointerId);
+      up = place(event);
       if (pointers.size === 0) canvas.classList.remove("held");
     }, { signal });
   }
-  canvas.addEventListener("pointerleave", () => moves.pointed(null), { signal });
+  canvas.addEventListener("pointerleave", (event) => {
+    // A finger that is lifted leaves, too: what it tapped stays described.
+    if (event.pointerType !== "touch") moves.pointed(null);
+  }, { signal });
   canvas.addEventListener("click", (event) => {
     // The second click of two zooms.
     if (event.detail > 1 || Math.hypot(event.clientX - down.x, event.clientY - down.y) > DRAG) return;
-    moves.asked(place(event));
+    moves.asked(up);
   }, { signal });
   canvas.addEventListener("dblclick", (event) => {
     camera.zoom(2, ...place(event));

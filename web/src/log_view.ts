@@ -35,6 +35,8 @@ const NIGHT: Ink = { way: "#7dbaff", beam: "#ff86d3", hit: "#ff8a5c", pass: "#4f
 
 /** Scans whose beams are remembered. */
 const REMEMBERED = 64;
+/** Marks with words that lie closer would cover each other: aside and up [pixels of the page]. */
+const NEAR = [50, 16] as const;
 const ARROW = [[11, 0], [-7, 7], [-3, 0], [-7, -7]] as const;
 
 export class LogView {
@@ -137,6 +139,7 @@ export class LogView {
       overlay.lines(starts, ends, (i) => !!returned[i], { colour: ink.beam, width: 1, opacity });
       overlay.dots(ends, (i) => !!returned[i], 2, ink.beam);
     }
+    if (bar.showsWay) this.drawMarks(ink);
     this.drawVotes(ink);
     const place = journey.at(bar.scan);
     if (!place) return;
@@ -155,10 +158,23 @@ export class LogView {
       const stroke = { colour: ink.way, width: 2, casing: ink.edge };
       overlay.way(points.subarray(3 * Math.max(driven - 1, 0)), { colour: ink.way, width: 1.5, opacity: 0.5 });
       overlay.way(points.subarray(0, 3 * driven), stroke);
-      for (const [word, from] of [["end", points.length - 3], ["start", 0]] as const) {
-        const at = overlay.screen(points[from]!, points[from + 1]!, points[from + 2]!);
-        if (at) overlay.mark(at, word, word === "end", ink.way, ink.edge);
-      }
+    }
+  }
+
+  /** Where the ways start and end. */
+  private drawMarks(ink: Ink): void {
+    const { overlay } = this;
+    for (const { points } of this.ways) {
+      const at = (from: number): readonly [number, number] | null =>
+        overlay.screen(points[from]!, points[from + 1]!, points[from + 2]!);
+      const [end, start] = [at(points.length - 3), at(0)];
+      // One word hides the other where both are near: then the mark at the left has it at its left.
+      const ratio = this.host.eye().ratio;
+      const close = end && start && Math.abs(end[0] - start[0]) < NEAR[0] * ratio && Math.abs(end[1] - start[1]) < NEAR[1] * ratio;
+      const endSide = close && end[0] <= start[0] ? "left" : "right";
+      const startSide = close && end[0] > start[0] ? "left" : "right";
+      if (end) overlay.mark(end, "end", endSide, true, ink.way, ink.edge);
+      if (start) overlay.mark(start, "start", startSide, false, ink.way, ink.edge);
     }
   }
 

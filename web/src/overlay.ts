@@ -122,8 +122,10 @@ export class Overlay {
     context.fill(path);
   }
 
-  /** A ring, or a filled circle, with a word beside it. */
-  mark(at: readonly [number, number], word: string, filled: boolean, colour: string, edge: string): void {
+  /** A ring, or a filled circle, with a word at its right or at its left. */
+  mark(
+    at: readonly [number, number], word: string, side: "left" | "right", filled: boolean, colour: string, edge: string,
+  ): void {
     const { context, eye } = this;
     const path = new Path2D();
     path.arc(at[0], at[1], 5 * eye.ratio, 0, 2 * Math.PI);
@@ -133,7 +135,8 @@ export class Overlay {
     context.font = `600 ${12 * eye.ratio}px system-ui, sans-serif`;
     context.lineWidth = 3.5 * eye.ratio;
     context.strokeStyle = edge;
-    const [x, y] = [at[0] + 10 * eye.ratio, at[1] + 4 * eye.ratio];
+    context.textAlign = side === "right" ? "left" : "right";
+    const [x, y] = [at[0] + (side === "right" ? 10 : -10) * eye.ratio, at[1] + 4 * eye.ratio];
     context.strokeText(word, x, y);
     context.fillStyle = colour;
     context.fillText(word, x, y);

@@ -82,7 +82,7 @@ export class Why {
       this.show(cell, ["This page has no log to ask. In a terminal:", ...this.command(centre)]);
       return;
     }
-    this.show(cell, [`Asking the log about the cell at ${this.place(centre)} \u2026`]);
+    this.show(cell, [`Asking the log about the ${this.journey.facts.axes === 3 ? "voxel" : "cell"} at ${this.place(centre)} \u2026`]);
     try {
       const reply = await fetch(`why?at=${centre.map(plain).join(",")}`, { signal: asking.signal });
       const text = await reply.text();

@@ -70,11 +70,17 @@ class ViewedLog:
             grid = build_map(self.log, side, threads=thread_count(None), progress=advance())
         for note in (*self.log.notes, *check_log(self.log)):
             voice.note(self.path, note)
-        made = ["oddsmap", "build", self.name, *self.options.words, "--resolution", f"{side:g}"]
-        command = shlex.join([*made, "-o", self.map_name])
+
+        def command(log: str) -> str:
+            made = ["oddsmap", "build", log, *self.options.words, "--resolution", f"{side:g}"]
+            return shlex.join([*made, "-o", self.map_name])
+
         how = "" if resolution is not None else "; --resolution sets another side"
-        voice.say(f"mapped   {self.name} at {side:g} m{how}. It is not saved: {command}")
-        return grid, command
+        voice.say(
+            f"mapped   {self.name} at {side:g} m{how}. It is not saved: {command(str(self.path))}"
+        )
+        # A page may be sent: of the files in its commands it has the names.
+        return grid, command(self.name)
 
     def doubt_of_map(self, grid: EvidenceMap, name: str, voice: Voice) -> None:
         """Refuse a map of another dimension, and say where one was made of other logs alone.
