@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterable
+from typing import Self
 
 __all__ = [
     "ConfigError",
@@ -47,6 +48,10 @@ class OutputError(OddsmapError):
 
 class MapTooLargeError(OddsmapError, MemoryError):
     """A map, or the window of one scan, that would not fit in memory."""
+
+    def __new__(cls, *args: object) -> Self:
+        """As any other error of ours: pickles of Dask call this, and MemoryError's would refuse."""
+        return Exception.__new__(cls, *args)
 
 
 class RecoveryWarning(UserWarning):

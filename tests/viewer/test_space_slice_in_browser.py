@@ -75,8 +75,8 @@ def grid_pixels(found: Opened) -> list[tuple[int, int]]:
     width, height = found.get("[oddsmap.camera.width, oddsmap.camera.height]")
     return [
         (x, y)
-        for x in range(int(0.15 * width), int(0.85 * width), 41)
-        for y in range(int(0.1 * height), int(0.75 * height), 23)
+        for x in range(int(0.15 * width), int(0.85 * width), 29)
+        for y in range(int(0.1 * height), int(0.75 * height), 13)
     ]
 
 

@@ -90,8 +90,8 @@ export class SpaceViewer implements Host {
     this.pickings = new Map([...sheets].map(([name, voxels]) => [name, new SpacePicking(facts, voxels)]));
     root.replaceChildren(
       element("div", { class: "map space" }, this.canvas, this.overlay.root, this.overlay.axes,
-        element("div", { class: "readout" }, element("div", { class: "where" }, this.position, this.bar), this.words,
-          this.counted)),
+        element("div", { class: "readout" }, element("div", { class: "where" }, this.counted, this.bar), this.position,
+          this.words)),
       element("div", { class: "side space" }, headingOf(root, facts, () => this.changed(), this.ending.signal), this.panel.root),
     );
     this.store.listen(() => this.changed());
