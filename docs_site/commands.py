@@ -38,6 +38,7 @@ MORE = {
     "why": "[why is a cell so?](../why.md)",
     "merge": "[maps combined](../combining.md)",
     "subtract": "[maps combined](../combining.md)",
+    "history": "[a map with its history](../combining.md#a-map-with-its-history)",
     "crop": "[maps combined](../combining.md)",
     "rotate-frame": "[maps combined](../combining.md)",
     "compare": "[maps combined](../combining.md)",

@@ -52,6 +52,7 @@ def files(folder: Path) -> Repeat:
     def repeat() -> None:
         plane().save(folder / "plane.zarr", force=True)
         oddsmap.load_map(folder / "plane.zarr").cells()
+        oddsmap.EvidenceMap.history(folder / "kept.icechunk")
         saved = oddsmap.EvidenceMap.open(folder / "plane.zarr")
         saved.at([(3.0, 3.0)])
         saved.crop_box((2.0, 2.0), (4.0, 4.0)).bounds()

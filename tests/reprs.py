@@ -42,6 +42,7 @@ def things(folder: Path) -> dict[str, Any]:
     space = oddsmap.build_map(clouds, 0.2)
     plane.save(folder / "saved.zarr")
     return {
+        "MapHistory": oddsmap.EvidenceMap.history(folder / "kept.icechunk"),
         "SavedMap": oddsmap.EvidenceMap.open(folder / "saved.zarr"),
         **_of_readings(), **_of_logs(folder), **_of_maps(plane, space), **_of_views(plane, space),
         **_of_queries(plane.log_odds(), space.log_odds()), **_of_several(plane, space, clouds),

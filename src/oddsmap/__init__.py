@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         OddsmapError,
         OutputError,
     )
+    from oddsmap.evidence.map_history import MapHistory
     from oddsmap.evidence_map import EvidenceMap, build_map, build_saved_map, load_map
     from oddsmap.forward.beams import Beams
     from oddsmap.forward.model import ForwardModel
@@ -108,6 +109,7 @@ __all__ = [
     "LikelihoodField",
     "Log",
     "LogOdds",
+    "MapHistory",
     "MapTooLargeError",
     "OddsmapError",
     "OnlineFullMap",
@@ -187,6 +189,7 @@ _HOME = {
     "LikelihoodField": "query.likelihood_field",
     "Log": "scans.log",
     "LogOdds": "posterior.log_odds",
+    "MapHistory": "evidence.map_history",
     "MapTooLargeError": "errors",
     "OddsmapError": "errors",
     "OnlineFullMap": "full_map.online",

@@ -23,9 +23,11 @@ from oddsmap.sensors.registry import Sensor
 if TYPE_CHECKING:
     from typing import Unpack
 
+    import icechunk
     import numpy.typing as npt
     from matplotlib.axes import Axes
 
+    from oddsmap.evidence.map_history import MapHistory
     from oddsmap.odds import Thresholds
     from oddsmap.plot.on_axes import PlotOptions
     from oddsmap.posterior.calibrated import Calibrated
@@ -276,6 +278,20 @@ class EvidenceMap(Evidence, Pictured):
         from oddsmap.scale.saved_map import SavedMap
 
         return SavedMap(path, cls)
+
+    @classmethod
+    def history(cls, place: str | os.PathLike[str] | icechunk.Storage) -> MapHistory[Self]:
+        """A map that is kept with all that it was, in an Icechunk repository.
+
+            city = oddsmap.EvidenceMap.history("city.icechunk")
+            city.add(monday, "Monday's drive")
+
+        Args:
+            place: a folder, which the first addition makes, or any storage of Icechunk.
+        """
+        from oddsmap.evidence.map_history import MapHistory
+
+        return MapHistory(place, cls)
 
 
 def build_map(

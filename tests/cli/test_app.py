@@ -19,7 +19,7 @@ from tests.cli.conftest import Run
 COMMANDS = (
     "build", "view", "export", "info", "doctor", "config", "calibrate", "score", "why", "merge",
     "subtract", "crop", "rotate-frame", "compare", "resample", "clean", "landmarks", "demo",
-    "costmap",
+    "costmap", "history",
 )  # fmt: skip
 CALLBACKS = {
     c.callback.__name__.replace("_", "-"): c.callback for c in app.registered_commands if c.callback

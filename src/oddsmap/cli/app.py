@@ -30,6 +30,8 @@ from oddsmap.cli.doctor import doctor
 from oddsmap.cli.endings import ended_by_signals
 from oddsmap.cli.export import HELP as EXPORT_HELP
 from oddsmap.cli.export import export
+from oddsmap.cli.history import HELP as HISTORY_HELP
+from oddsmap.cli.history import history
 from oddsmap.cli.info import HELP as INFO_HELP
 from oddsmap.cli.info import info
 from oddsmap.cli.landmarks import HELP as LANDMARKS_HELP
@@ -73,7 +75,7 @@ _HELP = """Range-sensor readings from known poses in, a probabilistic map of the
   oddsmap merge a.zarr b.zarr -o both.zarr
                                         maps added; also subtract,
                                         crop, resample, compare,
-                                        rotate-frame
+                                        rotate-frame, history
   oddsmap clean town/ --resolution 0.2 -o static.ply
                                         points without what moved
   oddsmap landmarks seen.csv -o trees.csv
@@ -101,6 +103,7 @@ for command, page in (
     (why, WHY_HELP),
     (merge, MERGE_HELP),
     (subtract, SUBTRACT_HELP),
+    (history, HISTORY_HELP),
     (crop, CROP_HELP),
     (rotate_frame, ROTATE_FRAME_HELP),
     (compare, COMPARE_HELP),

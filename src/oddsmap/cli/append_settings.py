@@ -17,9 +17,12 @@ __all__ = ["configs_to_append", "empty_like"]
 
 def empty_like(output: Path) -> EvidenceMap:
     """What a saved map says of itself, without its evidence."""
+    from oddsmap.cli.files import HISTORY
     from oddsmap.evidence.store import read_empty
     from oddsmap.evidence_map import EvidenceMap
 
+    if output.suffix.lower() == HISTORY:
+        return EvidenceMap.history(output).like()
     return read_empty(output, EvidenceMap)
 
 

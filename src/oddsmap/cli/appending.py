@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,16 +37,12 @@ def append_to(
         OddsmapError: see `append_map`.
     """
     from oddsmap.cli.merge_doubts import doubts_of_sum
-    from oddsmap.evidence.append import append_map
     from oddsmap.kernels.units import ONE
 
     census = evidence.census()
     with working(f"adding to {plan.output.name}", quiet=plan.quiet) as say:
-        did = append_map(
-            evidence,
-            plan.output,
-            waiting=lambda: say(f"waiting for another run that adds to {plan.output.name}"),
-        )
+        waiting = partial(say, f"waiting for another run that adds to {plan.output.name}")
+        did = _add(evidence, plan.output, waiting)
     facts = {
         "output": str(plan.output),
         "resolution": saved.resolution,
@@ -53,11 +51,24 @@ def append_to(
         "hits_added": census.hits / ONE,
         "passes_added": census.passes / ONE,
         "cells_reached": census.cells,
-        **{f"append_{name}": value for name, value in did._asdict().items()},
+        **did,
         "bytes_on_disk": sum(f.stat().st_size for f in plan.output.rglob("*") if f.is_file()),
     }
     decided = plan.layers.fields("sensor")
     return facts, [*doubts_of_sum(saved, evidence), *_differences(saved, opened, decided)]
+
+
+def _add(evidence: EvidenceMap, output: Path, waiting: Callable[[], None]) -> dict[str, Any]:
+    """Add to a saved map, or commit to one with a history; returns what was done."""
+    from oddsmap.cli.files import HISTORY
+    from oddsmap.evidence.append import append_map
+    from oddsmap.evidence_map import EvidenceMap
+
+    if output.suffix.lower() != HISTORY:
+        did = append_map(evidence, output, waiting=waiting)
+        return {f"append_{name}": value for name, value in did._asdict().items()}
+    commit = EvidenceMap.history(output).add(evidence, waiting=waiting)
+    return {"commit": commit.id, "commit_time": commit.time.isoformat()}
 
 
 def _differences(saved: EvidenceMap, opened: OpenedLogs, decided: set[str]) -> list[Note]:
@@ -100,6 +111,10 @@ def _differences(saved: EvidenceMap, opened: OpenedLogs, decided: set[str]) -> l
 
 def lines_of_append(facts: dict[str, Any]) -> tuple[str, list[str]]:
     """What was added, and where to, in words."""
+    where = f"map      {facts['output']} ({facts['bytes_on_disk'] / 1000:,.0f} kB)"
+    if "commit" in facts:
+        added = f"added    votes to {facts['cells_reached']:,} cells"
+        return added, [f"commit   {facts['commit']} (oddsmap history {facts['output']})", where]
     new = facts["append_cells_new"]
     size = new * facts["resolution"] ** facts["ndim"]
     unit = "square" if facts["ndim"] == 2 else "cubic"
@@ -114,5 +129,4 @@ def lines_of_append(facts: dict[str, Any]) -> tuple[str, list[str]]:
         how = "copied, for this file system makes no hard links"
     rest = f", the other {kept:,} {how}" if kept else ", which are all"
     shards = f"shards   {facts['append_shards_written']:,} reached{rest}"
-    where = f"map      {facts['output']} ({facts['bytes_on_disk'] / 1000:,.0f} kB)"
     return added, [shards, where]

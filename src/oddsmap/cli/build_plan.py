@@ -216,13 +216,21 @@ class BuildPlan:
         self.layers.check_values()
 
     def _check_files(self) -> None:
-        from oddsmap.cli.files import check_appendable, check_files, check_logs, check_suffix
+        from oddsmap.cli.files import (
+            HISTORY,
+            check_appendable,
+            check_files,
+            check_logs,
+            check_suffix,
+        )
 
         suffix = self.output.suffix.lower()
         made = f"; oddsmap export makes {suffix} of it" if suffix in EXPORTED else ""
-        check_suffix(
-            self.output, ("", ".zarr"), f"a map is a Zarr folder, by custom NAME.zarr{made}"
-        )
+        if suffix == HISTORY:
+            made = "; oddsmap history REPOSITORY --add MAP.zarr keeps it, and --append adds to that"
+        kept = self.append and suffix == HISTORY
+        known = ("", HISTORY if kept else ".zarr")
+        check_suffix(self.output, known, f"a map is a Zarr folder, by custom NAME.zarr{made}")
         if self.dask is not None:
             from oddsmap.scale.cluster_output import check_output_place
 
@@ -233,4 +241,5 @@ class BuildPlan:
         check_logs(self.logs)
         if self.append:
             check_appendable(self.output)
-        check_files(read, self.output, force=self.force or self.append, is_map=True)
+        output = None if kept else self.output
+        check_files(read, output, force=self.force or self.append, is_map=True)

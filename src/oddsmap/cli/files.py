@@ -11,7 +11,10 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["check_appendable", "check_files", "check_logs", "check_suffix"]
+__all__ = ["HISTORY", "check_appendable", "check_files", "check_logs", "check_suffix"]
+
+HISTORY = ".icechunk"
+"""The suffix of a map that is kept with all that it was, as `oddsmap history` does."""
 
 
 def check_files(
@@ -70,6 +73,11 @@ def _check_input(path: Path) -> None:
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
         why = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({why}): check the path") from None
+    if (path / "refs" / "branch.main" / "ref.json").is_file():
+        raise InputError(
+            f"{path}: is a map with its history: write a state of it first: oddsmap history {path} "
+            "-o MAP.zarr"
+        )
     if not os.access(path, os.R_OK):
         raise InputError(
             f"{path}: cannot be read (Permission denied): check the file and its permissions"
@@ -93,7 +101,7 @@ def check_logs(logs: Iterable[Path]) -> None:
 
 
 def check_appendable(output: Path) -> None:
-    """Refuse to add to what is no saved map that counts hits and passes.
+    """Refuse to add to what is no saved map that counts hits and passes, or one with a history.
 
     Raises:
         InputError: there is none, or it is another.
@@ -102,6 +110,11 @@ def check_appendable(output: Path) -> None:
     from oddsmap.map_files.zarr_folder import EVIDENCE_MAP, FULL_MAP, format_of
     from oddsmap.map_files.zarr_snapshot import settled
 
+    if output.suffix.lower() == HISTORY:
+        from oddsmap.evidence_map import EvidenceMap
+
+        EvidenceMap.history(output).commit()
+        return
     if not settled(output).exists():
         raise InputError(f"{output}: there is no map to add to: make it without --append")
     kind = format_of(output)

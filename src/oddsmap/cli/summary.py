@@ -87,7 +87,7 @@ def lines(facts: dict[str, Any]) -> Iterator[str]:
         yield (f"held out {facts['held_out']:,} scans (oddsmap score MAP LOG --held-out)")
     for reason, count in sorted(facts["skipped"].items()):
         yield (f"skipped  {count:,} x {reason}{_WHY.get(reason, '')}")
-    if "append_cells_new" in facts:
+    if "append_cells_new" in facts or "commit" in facts:
         seen, where = lines_of_append(facts)
     else:
         seen, *where = lines_of_map(facts)

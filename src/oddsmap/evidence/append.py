@@ -19,7 +19,12 @@ import numpy as np
 from oddsmap.array_types import IntArray
 from oddsmap.atomic_write import one_writer
 from oddsmap.errors import InputError, OutputError
-from oddsmap.evidence.append_arrays import Place, UntouchedShards, stored_tiles
+from oddsmap.evidence.append_arrays import (
+    Place,
+    UntouchedShards,
+    reached_shards,
+    stored_tiles,
+)
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.store import _empty_map, _header_of, attributes_of, read_empty
 from oddsmap.map_files.side_by_side import do_side_by_side
@@ -126,7 +131,7 @@ def _append(evidence: Evidence, path: Path, *, any_sensor: bool) -> Appended:
     first = lo // side
     shape = tuple(int(n) * side for n in (-(-hi // side) - first)[::-1])
     shift = (old.header.origin_cell // side - first)[::-1]
-    reached = {tuple((place - first)[::-1].tolist()) for place in _reached(evidence)}
+    reached = {tuple((place - first)[::-1].tolist()) for place in reached_shards(evidence)}
     kept: set[Place] = set()
     copied, why = False, None
     with new_folder(path, shape, force=True, check=check) as folder:
@@ -161,7 +166,7 @@ def _read_reached(path: Path, evidence: Evidence, *, any_sensor: bool) -> _Old:
     d, shards = touched.ndim, SavedShards(path, header)
     there = set(shards.places(header.arrays))  # which looks for all that were written
     files = {name: [tuple(at) for at in shard_files(path, name, d)] for name in header.arrays}
-    for place in _reached(evidence) - header.origin_cell // SHARD[d]:
+    for place in reached_shards(evidence) - header.origin_cell // SHARD[d]:
         at = tuple(place[::-1].tolist())
         if at in there:
             for stored in stored_tiles(touched):
@@ -178,13 +183,6 @@ def _check_same_kind(saved: Evidence, more: Evidence, path: Path, *, any_sensor:
         saved.check_same_kind_as(more, any_sensor=any_sensor, done="added")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-def _reached(evidence: Evidence) -> IntArray:
-    """The shards that evidence lies in, counted from cell 0, shape (n, d), x first."""
-    return np.unique(
-        np.concatenate([stored.reached() for stored in stored_tiles(evidence)]), axis=0
-    )
 
 
 def _joint(known: Box | None, more: Box | None, d: int) -> Box:

@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
@@ -26,13 +28,36 @@ from oddsmap.map_files.chunk_blocks import (
 from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD, NewFolder
 from oddsmap.map_files.zarr_header import Header
-from oddsmap.map_files.zarr_shards import SavedShards
+from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
 from oddsmap.map_files.zarr_snapshot import read_unchanged
 
-__all__ = ["Place", "StoredTiles", "UntouchedShards", "stored_tiles"]
+__all__ = [
+    "Place",
+    "ShardFiles",
+    "StoredTiles",
+    "UntouchedShards",
+    "reached_shards",
+    "stored_tiles",
+]
 
 Place = tuple[int, ...]
 """Of a shard, in shards, z before y before x."""
+
+
+class ShardFiles(Protocol):
+    """What shards are written to: see `NewFolder`."""
+
+    def create(
+        self,
+        name: str,
+        dtype: npt.DTypeLike,
+        fill_value: float,
+        attributes: Mapping[str, Any],
+    ) -> None:
+        """Make an array."""
+
+    def write(self, name: str, place: Place, numbers: IntArray, chunks: npt.NDArray[Any]) -> None:
+        """Write a shard of it."""
 
 
 class StoredTiles(NamedTuple):
@@ -62,9 +87,16 @@ class StoredTiles(NamedTuple):
         Raises:
             ValueError: it is damaged.
         """
+        self.fill(shards.read(self.names, place), _units_in(shards.header, self.names[0]))
+
+    def fill(self, chunks: SavedChunks, unit: int) -> None:
+        """Add the cells of chunks, in counts of a unit; errors and what must not be there as above.
+
+        Args:
+            chunks: of each of the arrays.
+            unit: units in one count.
+        """
         tiles, d, side = self.tiles, self.tiles.ndim, self.tiles.side
-        unit = _units_in(shards.header, self.names[0])
-        chunks = shards.read(self.names, place)
         for cells, name in zip(chunks.cells, self.names, strict=True):
             _check_counts(cells, unit, name)
         some = np.flatnonzero(np.any([used_blocks(c, side, d) for c in chunks.cells], axis=0))
@@ -90,7 +122,7 @@ class StoredTiles(NamedTuple):
         return unit, dtype, None
 
     def write(
-        self, folder: NewFolder, first_place: IntArray, unit: int, dtype: np.dtype[Any]
+        self, folder: ShardFiles, first_place: IntArray, unit: int, dtype: np.dtype[Any]
     ) -> None:
         """Make the arrays, with all shards that have a tile.
 
@@ -126,6 +158,13 @@ def stored_tiles(evidence: Evidence) -> list[StoredTiles]:
 def _units_in(header: Header, name: str) -> int:
     """Units in one count of an array."""
     return _unit_of(header.arrays[name].attributes, name)
+
+
+def reached_shards(evidence: Evidence) -> IntArray:
+    """The shards that evidence lies in, counted from cell 0, shape (n, d), x first."""
+    return np.unique(
+        np.concatenate([stored.reached() for stored in stored_tiles(evidence)]), axis=0
+    )
 
 
 class UntouchedShards(NamedTuple):

@@ -25,7 +25,15 @@ from oddsmap.map_files.zarr_folder import (
     read_json,
 )
 
-__all__ = ["ArrayHeader", "Header", "check_equal", "check_place", "read_header", "whole_numbers"]
+__all__ = [
+    "ArrayHeader",
+    "Header",
+    "array_header",
+    "check_equal",
+    "check_place",
+    "read_header",
+    "whole_numbers",
+]
 
 # Cells of all maps lie within; numbers beyond it are damage.
 _MAX_INDEX = 1 << 62
@@ -105,7 +113,7 @@ def read_header(path: Path, kind: str) -> Header:
         attributes=attributes,
         origin_cell=np.array(origin, np.int64),
         shape=shape,
-        arrays={name: _array(name, metadata, d) for name, metadata in zarrs.items()},
+        arrays={name: array_header(name, metadata, d) for name, metadata in zarrs.items()},
         shards={name: _places(attributes["shards"][name], name, grid) for name in names},
     )
 
@@ -194,7 +202,12 @@ def _shape(name: str, zarr: Mapping[str, Any], d: int) -> tuple[int, ...]:
     return tuple(shape)
 
 
-def _array(name: str, zarr: Mapping[str, Any], d: int) -> ArrayHeader:
+def array_header(name: str, zarr: Mapping[str, Any], d: int) -> ArrayHeader:
+    """What the `zarr.json` of an array of a map says.
+
+    Raises:
+        ValueError: it is none of a map's, or not stored as those are.
+    """
     dtype = zarr["data_type"]
     if dtype not in ("uint8", "uint16", "uint32", "uint64", "float32"):
         raise ValueError(f"{name} holds {dtype!r:.40}, which no map does")

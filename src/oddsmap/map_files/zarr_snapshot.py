@@ -17,7 +17,7 @@ from typing import TypeVar
 from oddsmap.atomic_write import put_back
 from oddsmap.errors import InputError, OddsmapError
 
-__all__ = ["Mark", "holds", "mark_of", "read_unchanged", "settled"]
+__all__ = ["DAMAGE", "Mark", "holds", "mark_of", "read_unchanged", "settled"]
 
 T = TypeVar("T")
 
@@ -25,10 +25,10 @@ T = TypeVar("T")
 _TRIES = 100
 _LONGEST_WAIT = 0.05
 _WORDS = 200
-# What Zarr and its codecs raise on damage.
-_DAMAGE = (
+DAMAGE = (
     OSError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, RuntimeError,
 )  # fmt: skip
+"""What Zarr and its codecs raise on damage."""
 Mark = tuple[int, int, int, bytes]
 
 
@@ -65,7 +65,7 @@ def read_unchanged(path: Path, read: Callable[[], T]) -> T:
         except OddsmapError:
             if mark_of(path) == before:
                 raise
-        except _DAMAGE as error:
+        except DAMAGE as error:
             if mark_of(path) == before:
                 raise InputError(
                     f"{path}: damaged, cannot be read as a map: {_one_line(error)}"
