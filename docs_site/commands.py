@@ -67,6 +67,7 @@ def names() -> list[str]:
 
     from oddsmap.cli.app import app
 
+    # An app of several commands is a group, which its type does not say.
     return list(get_command(app).commands)  # type: ignore[attr-defined]
 
 

@@ -13,19 +13,7 @@ import numpy as np
 import pytest
 
 from oddsmap import Scan, simulate
-
-PCD = """# .PCD v0.7 - Point Cloud Data file format
-VERSION 0.7
-FIELDS x y z
-SIZE 4 4 4
-TYPE F F F
-COUNT 1 1 1
-WIDTH {0}
-HEIGHT 1
-VIEWPOINT 0 0 0 1 0 0 0
-POINTS {0}
-DATA binary
-"""
+from tests.readers.clouds import pcd_bytes
 
 
 def write_clouds(folder: Path, scans: list[Scan]) -> None:
@@ -34,9 +22,8 @@ def write_clouds(folder: Path, scans: list[Scan]) -> None:
     poses = []
     for number, scan in enumerate(scans):
         seen = np.isfinite(scan.ranges)
-        points = (scan.directions[seen] * scan.ranges[seen, None]).astype("<f4")
-        head = PCD.format(len(points)).encode()
-        (folder / f"{number:06d}.pcd").write_bytes(head + points.tobytes())
+        points = scan.directions[seen] * scan.ranges[seen, None]
+        (folder / f"{number:06d}.pcd").write_bytes(pcd_bytes(points))
         pose = scan.map_from_sensor
         poses.append(np.column_stack([pose.rotation, pose.translation]).ravel())
     np.savetxt(folder / "poses.txt", np.array(poses), fmt="%.17g")

@@ -84,6 +84,7 @@ def begin_map(
         own["sensor"] = sensor_of_log(taken, first=first)
         if not hasattr(taken, "sensor"):
             ahead = agreeing(ahead, getattr(first, "stated", {}))
+    # Settings of several types, by their names.
     evidence = kind(resolution, ndim=ndim_of(first), **own)  # type: ignore[arg-type]
     rest = [_Part(part, None, sensor_of_log(part)) for part in others]
     return evidence, [_Part(taken, ahead, None), *rest]
@@ -98,7 +99,7 @@ def add_whole_log(evidence: Evidence, parts: list[_Part], **options: Unpack[Work
             own["progress"] = _from(total.scans, progress)
         report = add_log(
             evidence, part.log, scans=part.scans, sensor=part.sensor,
-            **own,  # type: ignore[arg-type]
+            **own,  # type: ignore[arg-type]  # of several types, by their names
         )  # fmt: skip
         if number == 0:
             total = report

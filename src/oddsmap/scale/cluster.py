@@ -194,8 +194,9 @@ def cluster_of(client: Client | str | None, workers: int) -> Iterator[Cluster]:
     try:
         import distributed  # noqa: F401 - whether it is there
     except ImportError as error:
+        missing = (error.name or "distributed").split(".")[0]
         raise InputError(
-            f'{(error.name or "dask").split(".")[0]} runs clusters: pip install "oddsmap[dask]"'
+            f'a cluster needs Dask, and {missing} is missing: pip install "oddsmap[dask]"'
         ) from None
     if client is None or isinstance(client, str):
         name = client or "local"

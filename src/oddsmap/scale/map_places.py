@@ -137,7 +137,7 @@ class UrlPlace:
         """Write in one request; where there are folders, they are made."""
         files, root = self._files
         path = f"{root}/{name}"
-        with suppress(NotImplementedError):
+        with suppress(NotImplementedError):  # a store of objects has no folders
             files.makedirs(path.rpartition("/")[0], exist_ok=True)
         files.pipe_file(path, content)
 

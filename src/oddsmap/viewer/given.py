@@ -126,7 +126,7 @@ def _of_plane(view: ProbabilityMap, name: str) -> Given:
         corner = tuple(
             place - n * view.resolution if abs(place / view.resolution - n) > _SAME else 0.0
             for place, n in zip(view.origin, first, strict=True)
-        )  # type: ignore[assignment]
+        )  # type: ignore[assignment]  # two numbers, as there are two axes
     return Given(
         name, "ROS map", 2, view.resolution, index, view.probability[y, x], len(index),
         _box_of(index), Thresholds(), corner, view.yaw, [],
