@@ -12,15 +12,25 @@ import numpy as np
 import pytest
 
 import oddsmap
-from oddsmap import EvidenceMap, InputError, OutputError, build_map, open_log, scale
+from oddsmap import (
+    EvidenceMap,
+    InputError,
+    OutputError,
+    Scan,
+    build_map,
+    load_map,
+    open_log,
+    scale,
+)
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.scale import on_cluster
+from oddsmap.scale import write_on_cluster
 from oddsmap.scale.chunk_task import Chunk, map_chunk
 from oddsmap.scale.log_source import LogSource
 from oddsmap.scale.map_places import LocalPlace, UrlPlace, url_of
 from oddsmap.scale.marked_place import mark
 from oddsmap.scale.worker_versions import versions_here
-from tests.scale.conftest import files_of
+from tests.kit import ONE
+from tests.scale.conftest import files_of, write_clouds
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 
@@ -127,10 +137,26 @@ def test_a_chunk_that_is_mapped_twice(clouds: Path, tmp_path: Path) -> None:
 def test_many_parts_of_a_group_are_added_a_few_at_a_time(
     threads_of_dask: Any, clouds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(on_cluster, "FAN_IN", 2)
+    monkeypatch.setattr(write_on_cluster, "FAN_IN", 2)
     out = tmp_path / "map.zarr"
     scale.build(clouds, 0.25, output=out, client=threads_of_dask, chunk_scans=1)
     assert_same(build_map(open_log(clouds), 0.25), out, tmp_path)
+
+
+@pytest.mark.parametrize("votes", [90, 50], ids=["two bytes", "one byte"])
+def test_parts_of_one_byte_that_may_need_two(
+    threads_of_dask: Any, tmp_path: Path, votes: int
+) -> None:
+    """Four chunks give one cell 90 votes each, which is more than a byte holds, or 50."""
+    points = np.full((votes, 3), (1.1, 0.1, 0.1))
+    write_clouds(tmp_path / "log", [Scan.from_points(np.eye(4), points)] * 4)
+    grid, out = build_map(open_log(tmp_path / "log"), 0.25, votes="beam"), tmp_path / "map.zarr"
+    built = scale.build(
+        tmp_path / "log", 0.25, output=out, votes="beam", client=threads_of_dask, chunk_scans=1
+    )
+    assert_same(grid, out, tmp_path)
+    assert built.census.largest == 4 * votes * ONE
+    assert load_map(out).census().largest == 4 * votes * ONE
 
 
 def test_a_map_at_a_url(threads_of_dask: Any, clouds: Path, tmp_path: Path) -> None:

@@ -12,10 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oddsmap import EvidenceMap, MapTooLargeError
-from oddsmap.scale.group_tasks import GroupSum, add_group
+from oddsmap.scale.chunk_task import PartRef, Weights
+from oddsmap.scale.group_tasks import Given, add_group
 from oddsmap.scale.map_places import LocalPlace
-from oddsmap.scale.shard_records import GROUP, PackedShard, join, packed_groups, split
-from oddsmap.scale.shard_sums import add_shards, as_stored
+from oddsmap.scale.shard_records import (
+    GROUP,
+    VOTES,
+    PackedGroup,
+    PackedShard,
+    packed_group,
+    packed_groups,
+    split,
+    totals_of,
+)
+from oddsmap.scale.shard_sums import Stored, add_shards, as_stored
+from oddsmap.scale.stored_types import stored_as, undecided
 from oddsmap.scale.worker_versions import versions_here
 from tests.kit import ONE, Votes, add_votes
 
@@ -55,22 +66,31 @@ def test_parts_add_up_as_cells_do(drawn: tuple[int, list[Votes]]) -> None:
     whole = evidence_of(total, d)
     groups = [packed_groups(evidence_of(votes, d)) for votes in parts]
     for group in {name for each in groups for name in each}:
-        sums = add_shards([split(each[group]) for each in groups if group in each], d)
+        sums = add_shards([split(each[group].content) for each in groups if group in each], d)
         edge = GROUP[d] * (1024 if d == 2 else 128)
         inside = {c: v for c, v in total.items() if tuple(i // edge for i in c) == group}
         own = evidence_of(inside, d)
         census = own.census()
-        assert sums.votes._replace(bounds=None) == census._replace(bounds=None)
-        assert np.array_equal(np.array(sums.votes.bounds), np.array(census.bounds))
-        assert sums.lengths.bounds is None
+        in_votes, in_lengths = totals_of(sums)
+        assert in_votes._replace(bounds=None) == census._replace(bounds=None)
+        assert np.array_equal(np.array(in_votes.bounds), np.array(census.bounds))
+        assert in_lengths.bounds is None
         # What is packed of the sum is what is packed of the map.
-        assert stored(sums.shards, d) == stored(split(packed_groups(own)[group]), d)
+        packed = split(packed_groups(own)[group].content)
+        assert stored(sums, d) == stored(packed, d)
+        # Adding up as the map is stored is adding up, and storing.
+        how = {name: stored_as([Weights(census.largest, census.whole_votes)]) for name in VOTES}
+        given = [split(each[group].content) for each in groups if group in each]
+        assert [shard.arrays for shard in add_shards(given, d, how)] == [
+            {name: as_stored(array, how[name], d) for name, array in shard.arrays.items()}
+            for shard in sums
+        ]
     assert {name for each in groups for name in each} == set(packed_groups(whole))
 
 
 def stored(shards: list[PackedShard], d: int) -> dict[tuple[object, str], bytes]:
     return {
-        (shard.place, name): as_stored(array, "uint64", 1, d)
+        (shard.place, name): as_stored(array, Stored("uint64", 1), d).content
         for shard in shards
         for name, array in shard.arrays.items()
     }
@@ -80,25 +100,54 @@ def test_many_parts_in_any_order_and_by_way_of_sums(tmp_path: Path) -> None:
     place, versions = LocalPlace(str(tmp_path), "writing"), versions_here()
     rng = np.random.default_rng(0)
     whole, refs = EvidenceMap(1.0, ndim=3), []
-    from oddsmap.scale.chunk_task import PartRef
-
     for number in range(9):
         part = EvidenceMap(1.0, ndim=3)
         index = rng.integers(0, 200, (50, 3))
         part.add_cells(index, np.full(50, ONE), np.full(50, 40 * ONE))
         whole.merge(part)
-        (content,) = packed_groups(part).values()
-        place.put(f"parts/{number}", content)
-        refs.append(PartRef(f"parts/{number}", 0, len(content)))
-    at_once = add_group(versions, place, refs, (), 3)
-    halves = [add_group(versions, place, some, (), 3) for some in (refs[4:], refs[3::-1])]
-    by_halves = add_group(versions, place, (), halves, 3)
-    assert isinstance(at_once, GroupSum)
-    assert isinstance(by_halves, GroupSum)
+        (group,) = packed_groups(part).values()
+        place.put(f"parts/{number}", group.content)
+        refs.append(part_ref(f"parts/{number}", group))
+    at_once = add_group(versions, place, Given(refs, 3), ())
+    halves = [add_group(versions, place, Given(some, 3), ()) for some in (refs[4:], refs[3::-1])]
+    by_halves = add_group(versions, place, Given((), 3), halves)
+    assert isinstance(at_once, PackedGroup)
+    assert isinstance(by_halves, PackedGroup)
     assert at_once.content == by_halves.content
     assert at_once.votes.largest == whole.census().largest
-    (content,) = packed_groups(whole).values()
-    assert stored(split(at_once.content), 3) == stored(split(content), 3)
+    (group,) = packed_groups(whole).values()
+    assert stored(split(at_once.content), 3) == stored(split(group.content), 3)
+
+
+def part_ref(name: str, group: PackedGroup) -> PartRef:
+    weights = [Weights(each.largest, each.whole_votes) for each in (group.votes, group.lengths)]
+    return PartRef(name, 0, len(group.content), *weights)
+
+
+def weights(*each: float) -> list[Weights]:
+    return [Weights(int(votes * ONE), votes % 1 == 0) for votes in each]
+
+
+def test_which_groups_decide_about_the_type() -> None:
+    # Nothing is near what a byte holds.
+    assert undecided({(0,): weights(3, 4), (1,): weights(9)}) == set()
+    # Two parts of one cell may add up to more than a byte holds, three of another do not.
+    groups: dict[tuple[int, ...], list[Weights]] = {
+        (0,): weights(200, 100),
+        (1,): weights(9),
+        (2,): weights(80, 80, 80),
+    }
+    assert undecided(groups) == {(0,)}
+    # A part that needs two bytes has decided.
+    assert undecided(groups | {(1,): weights(256)}) == set()
+    # Parts of votes: there are some for certain, or they might add up to whole ones.
+    assert undecided({(0,): weights(1.5), (1,): weights(2, 3)}) == set()
+    assert undecided({(0,): weights(1.5, 2.5), (1,): weights(2, 3)}) == {(0,), (1,)}
+    assert undecided({(0,): weights(0.5), (1,): weights(40000, 40000)}) == {(1,)}
+    assert stored_as(weights(3, 255)) == ("uint8", ONE)
+    assert stored_as(weights(3, 256)) == ("uint16", ONE)
+    assert stored_as(weights(0.5, 3)) == ("uint32", 1)
+    assert stored_as([]) == ("uint8", ONE)
 
 
 def test_lengths_go_along() -> None:
@@ -108,18 +157,19 @@ def test_lengths_go_along() -> None:
         assert part.lengths is not None
         part.add_cells([[0, 0]], [ONE], [0])  # type: ignore[arg-type]
         part.lengths.add_cells(np.array([[1500, 1]]), np.array([[0, passes]]))
-        parts.append([shard for group in packed_groups(part).values() for shard in split(group)])
+        parts.append([shard for g in packed_groups(part).values() for shard in split(g.content)])
     sums = add_shards(parts, 2)
-    assert (sums.votes.hits, sums.votes.cells, sums.lengths.passes) == (2 * ONE, 1, 8)
-    assert sums.lengths.bounds is not None
-    assert [shard.place for shard in sums.shards] == [(0, 0), (1, 0)]
-    assert [set(shard.arrays) for shard in sums.shards] == [{"hits"}, {"lengths"}]
+    votes, lengths = totals_of(sums)
+    assert (votes.hits, votes.cells, lengths.passes) == (2 * ONE, 1, 8)
+    assert lengths.bounds is not None
+    assert [shard.place for shard in sums] == [(0, 0), (1, 0)]
+    assert [set(shard.arrays) for shard in sums] == [{"hits"}, {"lengths"}]
 
 
 def test_too_many_votes() -> None:
     heavy = EvidenceMap(1.0)
     heavy.add_cells([[0, 0]], [1 << 62], [0])  # type: ignore[arg-type]
-    (content,) = packed_groups(heavy).values()
+    ((content, *_),) = packed_groups(heavy).values()
     for count in (2, 9):
         with pytest.raises(MapTooLargeError, match=r"pass 2\^46 votes"):
             add_shards([split(content)] * count, 2)
@@ -127,10 +177,10 @@ def test_too_many_votes() -> None:
 
 @pytest.mark.parametrize("cut", [3, 20, -1])
 def test_a_damaged_part(cut: int) -> None:
-    (content,) = packed_groups(evidence_of({(0, 0): (ONE, 0)}, 2)).values()
+    ((content, *_),) = packed_groups(evidence_of({(0, 0): (ONE, 0)}, 2)).values()
     with pytest.raises(ValueError, match="a part of a map"):
         split(content[:cut])
-    assert join(split(content)) == content
+    assert packed_group(split(content)).content == content
 
 
 def test_a_place_writes_whole_contents_and_none_after_its_end() -> None:

@@ -257,11 +257,16 @@ class TileStore:
             part = slots[start : start + _CHUNK_TILES]
             yield self.arrays.coords[part], self.units(part)
 
-    def census(self) -> Census:
-        """What there is, in one pass over the tiles."""
+    def census(self, slots: IntArray | None = None) -> Census:
+        """What there is, in one pass over the tiles.
+
+        Args:
+            slots: which tiles, shape (n,); None: all.
+        """
+        which = np.arange(self.count) if slots is None else slots
         lo, hi = np.array([[_NOWHERE] * self.ndim, [-_NOWHERE] * self.ndim])
         totals = np.zeros(TOTALS, np.int64)
-        take_census(self.arrays, self.side, lo, hi, totals)
+        take_census(self.arrays, which, self.side, lo, hi, totals)
         whole = totals.tolist()
         return Census(
             cells=whole[CELLS],

@@ -8,6 +8,7 @@ from functools import wraps
 from typing import NamedTuple, ParamSpec, TypeVar
 
 from oddsmap.errors import ConfigError, InputError, MapTooLargeError, OddsmapError, OutputError
+from oddsmap.scale.worker_memory import keep_some_memory
 from oddsmap.scale.worker_versions import Versions, check_versions, versions_here
 
 __all__ = ["Refusal", "answering", "worker_name"]
@@ -43,6 +44,7 @@ def answering(task: Callable[P, T]) -> Callable[..., T | Refusal]:
     def answer(versions: Versions, *args: P.args, **named: P.kwargs) -> T | Refusal:
         try:
             check_versions(versions_here(), versions, worker_name())
+            keep_some_memory()
             return task(*args, **named)
         except OddsmapError as error:
             kind = next((name for name, kind in _KINDS.items() if isinstance(error, kind)), "")

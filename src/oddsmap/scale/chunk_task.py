@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from oddsmap.errors import InputError, MapTooLargeError
 from oddsmap.evidence.evidence import Evidence
+from oddsmap.evidence.tiles import NOTHING, Census
 from oddsmap.integrate.add import add_scans
 from oddsmap.plausibility.sample import Sample
 from oddsmap.scale.answers import answering, worker_name
@@ -21,7 +22,7 @@ from oddsmap.scans.found import Found
 from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor
 
-__all__ = ["Chunk", "MappedChunk", "PartRef", "map_chunk"]
+__all__ = ["Chunk", "MappedChunk", "PartRef", "Weights", "map_chunk"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +50,23 @@ class Chunk:
     sample: Sample | None
 
 
+class Weights(NamedTuple):
+    """What the type of an array depends on."""
+
+    largest: int
+    """The largest weight of one cell, in units of 1/65536 vote."""
+    whole_votes: bool
+    """Whether every weight is a number of whole votes."""
+
+
 class PartRef(NamedTuple):
-    """Where there is a part of a group of shards."""
+    """Where there is a part of a group of shards, and what its arrays need."""
 
     name: str
     offset: int
     length: int
+    votes: Weights
+    lengths: Weights
 
 
 class MappedChunk(NamedTuple):
@@ -63,6 +75,9 @@ class MappedChunk(NamedTuple):
     number: int
     parts: dict[Index, PartRef]
     """By the place of the group, x first."""
+    votes: Census
+    """What is in all of them together."""
+    lengths: Census
     report: Report
     found: Found
     end: LogEnd | None
@@ -102,13 +117,16 @@ def map_chunk(chunk: Chunk, empty: Evidence, place: Place, folder: str) -> Mappe
         except MapTooLargeError as error:
             raise MapTooLargeError(f"{chunk.source.path}: {error}") from None
     groups = packed_groups(evidence)
-    content = b"".join(groups.values())
+    content = b"".join(group.content for group in groups.values())
     name = f"{folder}/{chunk.number}-{hashlib.sha256(content).hexdigest()[:24]}"
     if content:
         place.put(name, content)
-    parts, at = {}, 0
-    for group, of_group in groups.items():
-        parts[group] = PartRef(name, at, len(of_group))
-        at += len(of_group)
+    parts, at, votes, lengths = {}, 0, NOTHING, NOTHING
+    for group, made in groups.items():
+        weights = [Weights(each.largest, each.whole_votes) for each in (made.votes, made.lengths)]
+        parts[group] = PartRef(name, at, len(made.content), *weights)
+        at += len(made.content)
+        votes, lengths = votes.joined(made.votes), lengths.joined(made.lengths)
     end = end_of(log) if chunk.past is None else None
-    return MappedChunk(chunk.number, parts, report, what_was_found(log), end, chunk.sample)
+    found = what_was_found(log)
+    return MappedChunk(chunk.number, parts, votes, lengths, report, found, end, chunk.sample)

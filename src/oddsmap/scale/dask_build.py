@@ -46,7 +46,7 @@ class Built:
         chunk_count: how many chunks of scans were mapped.
         group_count: how many groups of shards had an owner.
         bytes_of_parts: what went through the store before it was added up.
-        seconds: wall time of "mapping" chunks, "adding" up groups and "writing" shards [s].
+        seconds: wall time of "mapping" chunks, and of adding up and "writing" groups [s].
     """
 
     output: str

@@ -4,94 +4,117 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from oddsmap.evidence.tiles import Census
 from oddsmap.scale.answers import Refusal, answering
-from oddsmap.scale.chunk_task import PartRef
+from oddsmap.scale.chunk_task import PartRef, Weights
 from oddsmap.scale.map_places import Place
 from oddsmap.scale.marked_place import check_marked
-from oddsmap.scale.shard_records import Index, join, split
-from oddsmap.scale.shard_sums import add_shards, as_stored
+from oddsmap.scale.shard_records import (
+    Index,
+    PackedGroup,
+    PackedShard,
+    packed_group,
+    split,
+    totals_of,
+)
+from oddsmap.scale.shard_sums import Stored, add_shards
 
-__all__ = ["FAN_IN", "GroupSum", "Stored", "add_group", "totals_of", "write_group"]
+__all__ = ["FAN_IN", "Given", "WrittenGroup", "add_group", "weights_of", "write_group"]
 
 FAN_IN = 64
 """Parts that are added at a time, so that memory is bounded where all chunks saw one place."""
 
 
-class GroupSum(NamedTuple):
-    """A group that has been added up; itself a part, where there are more to add."""
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What a group is the sum of.
 
-    content: bytes
+    Args:
+        parts: those that were written, each of another chunk.
+        d: 2 or 3.
+    """
+
+    parts: Sequence[PartRef]
+    d: int
+
+
+class WrittenGroup(NamedTuple):
+    """A group that is in the map."""
+
+    files: list[tuple[str, Index]]
+    """Names of arrays, and places, z before y before x, in shards from the first one."""
     votes: Census
     lengths: Census
 
 
-class Stored(NamedTuple):
-    """How an array of a map is stored."""
-
-    dtype: str
-    unit: int
-    """Units of 1/65536 in one count."""
-
-
 @answering
 def add_group(
-    place: Place, parts: Iterable[PartRef], sums: Iterable[GroupSum | Refusal], d: int
-) -> GroupSum | Refusal:
+    place: Place, given: Given, sums: Iterable[PackedGroup | Refusal]
+) -> PackedGroup | Refusal:
     """A task: add up parts of one group.
 
     Args:
         place: where the parts are.
-        parts: those that were written, each of another chunk.
-        sums: those that were added up by other tasks, of other chunks.
-        d: 2 or 3.
+        given: the parts.
+        sums: what other tasks have added up, of other chunks.
     """
+    found = _parts(place, given, sums)
+    return found if isinstance(found, Refusal) else packed_group(add_shards(found, given.d))
+
+
+@answering
+def weights_of(group: PackedGroup | Refusal) -> tuple[Weights, Weights] | Refusal:
+    """A task: what decides about types, votes and lengths, without the group itself."""
+    if isinstance(group, Refusal):
+        return group
+    votes, lengths = (Weights(each.largest, each.whole_votes) for each in group[1:])
+    return votes, lengths
+
+
+@answering
+def write_group(
+    place: Place,
+    given: Given,
+    sums: Iterable[PackedGroup | Refusal],
+    stored: Mapping[str, Stored],
+    first_place: Sequence[int],
+    folder: str,
+    parts: str,
+) -> WrittenGroup | Refusal:
+    """A task: add up a group, and write its shards as a saved map has them.
+
+    Args:
+        place: where the parts are, and the map goes.
+        given: the parts.
+        sums: what other tasks have added up, of other chunks.
+        stored: how each array of the map is stored.
+        first_place: the first shard of the arrays, x first.
+        folder: the beginning of the map's names.
+        parts: likewise of the parts, where the place is marked.
+    """
+    check_marked(place, parts)
+    found = _parts(place, given, sums)
+    if isinstance(found, Refusal):
+        return found
+    files, shards = [], add_shards(found, given.d, stored)
+    for shard in shards:
+        at = tuple(i - first for i, first in zip(shard.place, first_place, strict=True))[::-1]
+        for name, array in shard.arrays.items():
+            place.put(f"{folder}/{name}/c/{'/'.join(map(str, at))}", array.content)
+            files.append((name, at))
+    return WrittenGroup(files, *totals_of(shards))
+
+
+def _parts(
+    place: Place, given: Given, sums: Iterable[PackedGroup | Refusal]
+) -> list[list[PackedShard]] | Refusal:
     contents = []
     for each in sums:
         if isinstance(each, Refusal):
             return each
         contents.append(each.content)
-    contents += [place.get(part.name, part.offset, part.length) for part in parts]
-    found = add_shards([split(content) for content in contents], d)
-    return GroupSum(join(found.shards), found.votes, found.lengths)
-
-
-@answering
-def totals_of(group: GroupSum | Refusal) -> tuple[Census, Census] | Refusal:
-    """A task: what is in a group, votes and lengths, without the group itself."""
-    return group if isinstance(group, Refusal) else (group.votes, group.lengths)
-
-
-@answering
-def write_group(
-    group: GroupSum,
-    stored: Mapping[str, Stored],
-    first_place: Sequence[int],
-    place: Place,
-    folder: str,
-    parts: str,
-) -> list[tuple[str, Index]]:
-    """A task: write the shards of a group as a saved map has them.
-
-    Args:
-        group: what was added up.
-        stored: how each array of the map is stored.
-        first_place: the first shard of the arrays, x first.
-        place: where the map goes.
-        folder: the beginning of its names.
-        parts: likewise of the parts, where the place is marked.
-
-    Returns:
-        Names and places of the files, z before y before x, in shards from the first one.
-    """
-    check_marked(place, parts)
-    written = []
-    for shard in split(group.content):
-        at = tuple(i - first for i, first in zip(shard.place, first_place, strict=True))[::-1]
-        for name, array in shard.arrays.items():
-            content = as_stored(array, *stored[name], len(at))
-            place.put(f"{folder}/{name}/c/{'/'.join(map(str, at))}", content)
-            written.append((name, at))
-    return written
+    contents += [place.get(part.name, part.offset, part.length) for part in given.parts]
+    return [split(content) for content in contents]

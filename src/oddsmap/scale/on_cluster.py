@@ -2,9 +2,8 @@
 """Logs to a map on a cluster: chunks of scans, groups of shards, files.
 
 chunks                  # chunk_task.py: mapped where they are read, parts written to the store
-groups of shards        # group_tasks.py: parts of all chunks added, each once, and kept
-type of the arrays      # known once all groups are: the largest weight decides
-shards                  # group_tasks.py: written by those who keep them; the map's zarr.json last
+types of the arrays     # stored_types.py: the largest weight decides
+groups of shards        # write_on_cluster.py: parts of all chunks added, each once, and written
 """
 
 from __future__ import annotations
@@ -13,25 +12,18 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.store import attributes_of, extent_of, stored_arrays
-from oddsmap.evidence.tiles import Census
+from oddsmap.evidence.tiles import NOTHING, Census
 from oddsmap.integrate.add import facts_of, warn_of_no_returns
-from oddsmap.kernels.units import ONE
-from oddsmap.map_files.zarr_folder import SHARD
 from oddsmap.plausibility.sample import Sample
 from oddsmap.scale.chunk_task import Chunk, MappedChunk, PartRef, map_chunk
 from oddsmap.scale.cluster import Cluster
 from oddsmap.scale.cluster_output import ClusterOutput
-from oddsmap.scale.group_tasks import FAN_IN, Stored, add_group, totals_of, write_group
 from oddsmap.scale.log_source import LogHead, LogSource, put_together
 from oddsmap.scale.shard_records import Index
-from oddsmap.scale.shard_sums import joint
+from oddsmap.scale.write_on_cluster import write_on_cluster
 from oddsmap.scans.found import Found
 from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor
@@ -71,7 +63,7 @@ class Mapped:
         bytes_of_parts: what workers gave to each other through the store.
         chunk_count: how many chunks there were.
         group_count: how many groups of shards.
-        seconds: wall time of mapping chunks, of adding up groups, and of writing shards [s].
+        seconds: wall time of "mapping" chunks, and of adding up and "writing" groups [s].
     """
 
     report: Report
@@ -118,11 +110,15 @@ def map_on_cluster(
     mapped = _map_chunks(cluster, output, chunks, empty, progress)
     seconds = {"mapping": time.perf_counter() - started}
     report = _close_logs(cluster, inputs, chunks, mapped, empty, method)
+    started = time.perf_counter()
     groups: dict[Index, list[PartRef]] = {}
+    bounds = NOTHING
     for number in sorted(mapped):
+        bounds = bounds.joined(mapped[number].votes).joined(mapped[number].lengths)
         for group, part in mapped[number].parts.items():
             groups.setdefault(group, []).append(part)
-    census = _add_and_write(cluster, output, groups, empty, seconds)
+    census = write_on_cluster(cluster, output, groups, empty, bounds)
+    seconds["writing"] = time.perf_counter() - started
     size = sum(part.length for parts in groups.values() for part in parts)
     return Mapped(report, census, size, len(chunks), len(groups), seconds)
 
@@ -206,76 +202,3 @@ def _close_logs(
         )  # fmt: skip
         total.include(report)
     return total
-
-
-def _add_and_write(
-    cluster: Cluster,
-    output: ClusterOutput,
-    groups: dict[Index, list[PartRef]],
-    empty: Evidence,
-    seconds: dict[str, float],
-) -> Census:
-    """Add up all groups, and write the map."""
-    d, started = empty.ndim, time.perf_counter()
-    sums = {group: _sum_of(cluster, output, group, parts, d) for group, parts in groups.items()}
-    totals = [
-        cluster.submit(f"total-{output.parts}-{_words(group)}", totals_of, future)
-        for group, future in sums.items()
-    ]
-    none = Census(0, 0, 0, 0, True, None)
-    votes, lengths = none, none
-    for _, (of_votes, of_lengths) in cluster.results(totals):
-        votes, lengths = joint(votes, of_votes), joint(lengths, of_lengths)
-    seconds["adding"], started = time.perf_counter() - started, time.perf_counter()
-    stored: dict[str, Stored] = {}
-    lo, hi, first, shape = extent_of([votes, lengths], d)
-    with output.new_map(shape) as folder:
-        for texts, census in zip(stored_arrays(empty), (votes, lengths), strict=False):
-            unit = ONE if census.whole_votes else 1
-            dtype = np.min_scalar_type(census.largest // unit)
-            for name, text in texts.items():
-                folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
-                stored[name] = Stored(dtype.name, unit)
-        tasks = [
-            cluster.submit(
-                f"write-{output.parts}-{_words(group)}", write_group, future, stored,
-                (first // SHARD[d]).tolist(), output.place, output.folder, output.parts,
-            )
-            for group, future in sums.items()
-        ]  # fmt: skip
-        written: dict[str, list[list[int]]] = {name: [] for name in stored}
-        for _, files in cluster.results(tasks):
-            for name, at in files:
-                written[name].append(list(at))
-        folder.seal(
-            attributes_of(empty, first, lo, hi),
-            written={name: sorted(places) for name, places in written.items()},
-        )
-    seconds["writing"] = time.perf_counter() - started
-    return votes
-
-
-def _sum_of(
-    cluster: Cluster, output: ClusterOutput, group: Index, parts: list[PartRef], d: int
-) -> Any:
-    """The task that adds up a group: many parts go through others, a few at a time."""
-    name = f"sum-{output.parts}-{_words(group)}"
-    runs = [parts[begin : begin + FAN_IN] for begin in range(0, len(parts), FAN_IN)]
-    level = [
-        cluster.submit(f"{name}-0-{i}", add_group, output.place, run, (), d)
-        for i, run in enumerate(runs)
-    ]
-    height = 0
-    while len(level) > 1:
-        height += 1
-        level = [
-            cluster.submit(
-                f"{name}-{height}-{i}", add_group, output.place, (), level[i : i + FAN_IN], d
-            )
-            for i in range(0, len(level), FAN_IN)
-        ]
-    return level[0]
-
-
-def _words(group: Index) -> str:
-    return ",".join(map(str, group))

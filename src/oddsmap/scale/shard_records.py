@@ -10,27 +10,29 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tile_counts import counts_of, retiled
-from oddsmap.evidence.tiles import TileStore
+from oddsmap.evidence.tiles import NOTHING, Census, TileStore
 from oddsmap.kernels.units import HITS, ONE, PASSES
 from oddsmap.limits import TILE_SIDE
 from oddsmap.map_files.chunk_blocks import blocks_by_shard
 from oddsmap.map_files.shard_bytes import pack_shard
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD
 
-__all__ = ["GROUP", "VOTES", "PackedArray", "PackedShard", "join", "packed_groups", "split"]
+__all__ = [
+    "GROUP", "LENGTHS", "VOTES", "Index", "PackedArray", "PackedGroup", "PackedShard",
+    "packed_group", "packed_groups", "split", "totals_of",
+]  # fmt: skip
 
 GROUP = {2: 1, 3: 4}
 """Side of a group of shards, which has one owner: 51 m for 2D maps of 0.05 m, 3D ones of 0.1 m."""
 
 VOTES, LENGTHS = ("hits", "passes"), ("lengths",)
-_KINDS = (VOTES, LENGTHS)
 _LENGTH = struct.Struct("<Q")
 
 Index = tuple[int, ...]
@@ -54,29 +56,43 @@ class PackedShard(NamedTuple):
     """In shards from cell 0, shape (d,), x first."""
     arrays: dict[str, PackedArray]
     """By their names; one without a weight is not there."""
+    votes: Census
+    """What is in it: whoever has only this of a shard need not unpack it."""
+    lengths: Census
 
 
-def packed_groups(evidence: Evidence) -> dict[Index, bytes]:
+class PackedGroup(NamedTuple):
+    """What there is of a group of shards."""
+
+    content: bytes
+    """What `split` takes."""
+    votes: Census
+    lengths: Census
+
+
+def packed_groups(evidence: Evidence) -> dict[Index, PackedGroup]:
     """A map, by groups of shards.
 
     Returns:
-        For each group, by its place in groups from cell 0, x first, what `split` takes.
+        What there is of each, by its place in groups from cell 0, x first.
     """
     shards: dict[Index, PackedShard] = {}
-    for names, tiles in zip(_KINDS, (evidence.tiles, evidence.lengths), strict=True):
-        if tiles is not None:
-            for place, arrays in _packed(tiles, names):
-                shards.setdefault(place, PackedShard(place, {})).arrays.update(arrays)
+    for place, arrays, census in _packed(evidence.tiles, VOTES):
+        shards[place] = PackedShard(place, arrays, census, NOTHING)
+    if evidence.lengths is not None:
+        for place, arrays, census in _packed(evidence.lengths, LENGTHS):
+            beside = shards.get(place, PackedShard(place, {}, NOTHING, NOTHING))
+            shards[place] = beside._replace(arrays=beside.arrays | arrays, lengths=census)
     groups: dict[Index, list[PackedShard]] = {}
     for place in sorted(shards):
         group = tuple(i // GROUP[evidence.ndim] for i in place)
         groups.setdefault(group, []).append(shards[place])
-    return {group: join(of_group) for group, of_group in groups.items()}
+    return {group: packed_group(of_group) for group, of_group in groups.items()}
 
 
 def _packed(
     tiles: TileStore, names: tuple[str, ...]
-) -> Iterator[tuple[Index, dict[str, PackedArray]]]:
+) -> Iterator[tuple[Index, dict[str, PackedArray], Census]]:
     d = tiles.ndim
     census = tiles.census()
     unit = ONE if census.whole_votes else 1
@@ -93,36 +109,58 @@ def _packed(
             if content is not None:
                 arrays[name] = PackedArray(dtype.name, unit, content)
         if arrays:
-            yield tuple(shard.place.tolist()), arrays
+            yield tuple(shard.place.tolist()), arrays, fitting.census(shard.blocks)
 
 
-def join(shards: Iterable[PackedShard]) -> bytes:
+def packed_group(shards: Sequence[PackedShard]) -> PackedGroup:
     """Packed shards as bytes: what they are as JSON, behind its length, and their contents."""
     head, contents = [], []
     for shard in shards:
         arrays = [[name, a.dtype, a.unit, len(a.content)] for name, a in shard.arrays.items()]
-        head.append([list(shard.place), arrays])
+        head.append([shard.place, arrays, _listed(shard.votes), _listed(shard.lengths)])
         contents += [array.content for array in shard.arrays.values()]
     text = json.dumps(head, separators=(",", ":")).encode()
-    return b"".join([_LENGTH.pack(len(text)), text, *contents])
+    content = b"".join([_LENGTH.pack(len(text)), text, *contents])
+    return PackedGroup(content, *totals_of(shards))
+
+
+def totals_of(shards: Sequence[PackedShard]) -> tuple[Census, Census]:
+    """What is in shards: votes, and lengths."""
+    votes, lengths = NOTHING, NOTHING
+    for shard in shards:
+        votes, lengths = votes.joined(shard.votes), lengths.joined(shard.lengths)
+    return votes, lengths
+
+
+def _listed(census: Census) -> list[Any]:
+    bounds = census.bounds and [end.tolist() for end in census.bounds]
+    return [*census[:-1], bounds]
+
+
+def _census(listed: list[Any]) -> Census:
+    cells, hits, passes, largest, whole_votes, bounds = listed
+    if bounds is not None:
+        bounds = np.array(bounds[0], np.int64), np.array(bounds[1], np.int64)
+    return Census(cells, hits, passes, largest, whole_votes, bounds)
 
 
 def split(content: bytes) -> list[PackedShard]:
-    """The inverse of `join`.
+    """The shards of a `PackedGroup`.
 
     Raises:
-        ValueError: it is not what `join` makes.
+        ValueError: it is damaged.
     """
     try:
         (length,) = _LENGTH.unpack_from(content)
         at = _LENGTH.size + length
         shards = []
-        for place, listed in json.loads(content[_LENGTH.size : at]):
+        for place, listed, votes, lengths in json.loads(content[_LENGTH.size : at]):
             arrays = {}
             for name, dtype, unit, size in listed:
                 arrays[name] = PackedArray(dtype, unit, content[at : at + size])
                 at += size
-            shards.append(PackedShard(tuple(place), arrays))
+            shard = PackedShard(tuple(place), arrays, _census(votes), _census(lengths))
+            shards.append(shard)
     except (struct.error, ValueError, TypeError) as error:
         raise ValueError(f"a part of a map is damaged ({error})") from None
     if at != len(content):

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,57 +11,74 @@ import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import MapTooLargeError
-from oddsmap.evidence.tiles import HEAVIEST, Census
+from oddsmap.evidence.tiles import HEAVIEST, NOTHING, Census
 from oddsmap.kernels.units import FRACTION_BITS, ONE
 from oddsmap.map_files.shard_bytes import pack_shard, shard_index, unpack_chunk
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD
 from oddsmap.scale.shard_records import LENGTHS, VOTES, Index, PackedArray, PackedShard
 
-__all__ = ["Sums", "add_shards", "as_stored", "joint"]
+__all__ = ["Stored", "add_shards", "as_stored"]
 
 Cells = npt.NDArray[Any]
 
 
-class Sums(NamedTuple):
-    """Shards that have been added up, and what is in them."""
+class Stored(NamedTuple):
+    """How an array of a map is stored."""
 
-    shards: list[PackedShard]
-    votes: Census
-    lengths: Census
-
-
-_NOTHING = Census(0, 0, 0, 0, True, None)
+    dtype: str
+    unit: int
+    """Units of 1/65536 in one count: 65536 only where all weights are whole votes."""
 
 
-def add_shards(parts: Iterable[Sequence[PackedShard]], d: int) -> Sums:
+def add_shards(
+    parts: Iterable[Sequence[PackedShard]], d: int, stored: Mapping[str, Stored] | None = None
+) -> list[PackedShard]:
     """Add up parts of maps.
 
     Args:
         parts: shards of each part.
         d: 2 or 3.
+        stored: how each array of the sums is to be packed; None: each as its numbers need it.
 
     Raises:
         MapTooLargeError: a cell would pass 2^46 votes.
         ValueError: a part is damaged.
     """
-    by_place: dict[Index, list[dict[str, PackedArray]]] = {}
+    by_place: dict[Index, list[PackedShard]] = {}
     for part in parts:
         for shard in part:
-            by_place.setdefault(shard.place, []).append(shard.arrays)
-    shards, votes, lengths = [], _NOTHING, _NOTHING
-    for place in sorted(by_place):
-        own: dict[str, PackedArray] = {}
-        summed, census = _add(place, by_place[place], VOTES, d)
-        own, votes = summed, joint(votes, census)
-        if any(name in arrays for arrays in by_place[place] for name in LENGTHS):
-            summed, census = _add(place, by_place[place], LENGTHS, d)
-            own, lengths = own | summed, joint(lengths, census)
-        shards.append(PackedShard(place, own))
-    return Sums(shards, votes, lengths)
+            by_place.setdefault(shard.place, []).append(shard)
+    return [_added(place, by_place[place], d, stored) for place in sorted(by_place)]
+
+
+def _added(
+    place: Index, shards: list[PackedShard], d: int, stored: Mapping[str, Stored] | None
+) -> PackedShard:
+    arrays: dict[str, PackedArray] = {}
+    censuses = []
+    for names, own in (
+        (VOTES, [shard.votes for shard in shards]), (LENGTHS, [shard.lengths for shard in shards])
+    ):  # fmt: skip
+        there = [shard.arrays for shard, census in zip(shards, own, strict=True) if census.cells]
+        if len(there) > 1:
+            summed, census = _add(place, there, names, d, stored)
+        else:  # most are seen by one chunk alone
+            alone = there[0] if there else {}
+            summed = {name: alone[name] for name in names if name in alone}
+            if stored is not None:
+                summed = {name: as_stored(a, stored[name], d) for name, a in summed.items()}
+            census = next((each for each in own if each.cells), NOTHING)
+        arrays |= summed
+        censuses.append(census)
+    return PackedShard(place, arrays, *censuses)
 
 
 def _add(
-    place: Index, parts: list[dict[str, PackedArray]], names: tuple[str, ...], d: int
+    place: Index,
+    parts: list[dict[str, PackedArray]],
+    names: tuple[str, ...],
+    d: int,
+    stored: Mapping[str, Stored] | None,
 ) -> tuple[dict[str, PackedArray], Census]:
     """Add up some arrays of one shard, which are counted together."""
     given = {name: [part[name] for part in parts if name in part] for name in names}
@@ -81,15 +98,21 @@ def _add(
             "a cell's weight would pass 2^46 votes (2^62 units): "
             "the same evidence has been added many times over"
         )
-    if all(len(arrays) < 2 for arrays in given.values()):  # most are seen by one chunk alone
-        return {name: arrays[0] for name, arrays in given.items() if arrays}, census
-    dtype = np.min_scalar_type(census.largest // unit)
+    own = Stored(np.min_scalar_type(census.largest // unit).name, unit)
     packed = {}
     for name, cells in zip(names, sums, strict=True):
-        content = pack_shard(numbers, cells.astype(dtype), count, 0)
+        how = own if stored is None else stored[name]
+        content = pack_shard(numbers, _counted(cells, unit, how), count, 0)
         if content is not None:
-            packed[name] = PackedArray(dtype.name, unit, content)
+            packed[name] = PackedArray(*how, content)
     return packed, census
+
+
+def _counted(cells: Cells, unit: int, stored: Stored) -> Cells:
+    """Counts of another unit and type, which hold them."""
+    if unit != stored.unit:
+        cells = cells.astype(np.uint64) * np.uint64(unit) // np.uint64(stored.unit)
+    return cells.astype(stored.dtype, copy=False)
 
 
 def _sum(
@@ -117,7 +140,7 @@ def _sum(
 
 def _census(place: Index, numbers: IntArray, sums: list[Cells], unit: int, d: int) -> Census:
     if not len(numbers):
-        return _NOTHING
+        return NOTHING
     known = np.logical_or.reduce([cells != 0 for cells in sums])
     bounds = None
     if known.any():
@@ -153,41 +176,22 @@ def _total(cells: Cells, unit: int) -> int:
     return (int(whole) << FRACTION_BITS) + int(rest)
 
 
-def joint(one: Census, other: Census) -> Census:
-    """What is in two parts of a map that have no cell in common."""
-    if one.bounds is None or other.bounds is None:
-        bounds = one.bounds or other.bounds
-    else:
-        lo = np.minimum(one.bounds[0], other.bounds[0])
-        bounds = lo, np.maximum(one.bounds[1], other.bounds[1])
-    return Census(
-        cells=one.cells + other.cells,
-        hits=one.hits + other.hits,
-        passes=one.passes + other.passes,
-        largest=max(one.largest, other.largest),
-        whole_votes=one.whole_votes and other.whole_votes,
-        bounds=bounds,
-    )
-
-
-def as_stored(array: PackedArray, dtype: str, unit: int, d: int) -> bytes:
-    """The same array with the type and the unit of the whole map, as it is saved.
+def as_stored(array: PackedArray, stored: Stored, d: int) -> PackedArray:
+    """The same array with the type and the unit of the whole map.
 
     Args:
         array: of one shard.
-        dtype: which holds each of its numbers.
-        unit: units in one count; 65536 only where it is of whole votes.
+        stored: which hold each of its numbers.
         d: 2 or 3.
     """
-    if (array.dtype, array.unit) == (dtype, unit):
-        return array.content
+    if (array.dtype, array.unit) == stored:
+        return array
     count = (SHARD[d] // CHUNK[d]) ** d
     frames = shard_index(array.content, count, "a part of a map")
     cells = np.empty((len(frames), CHUNK[d] ** d), array.dtype)
     for row, frame in zip(cells, frames.values(), strict=True):
         unpack_chunk(frame, row, "a part of a map")
     numbers = np.array(list(frames), np.int64)
-    weights = cells.astype(np.uint64) * np.uint64(array.unit) // np.uint64(unit)
-    content = pack_shard(numbers, weights.astype(dtype), count, 0)
+    content = pack_shard(numbers, _counted(cells, array.unit, stored), count, 0)
     assert content is not None, "no array without a weight is kept"  # noqa: S101
-    return content
+    return PackedArray(*stored, content)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from oddsmap.kernels.jit import borrowing, inlined
 from oddsmap.kernels.units import FRACTION_BITS, HITS, ONE, PASSES
-from oddsmap.kernels.vote.tiles import TILE_COUNT, TileArrays
+from oddsmap.kernels.vote.tiles import TileArrays
 
 __all__ = [
     "CELLS", "FRACTION", "HIT_UNITS", "HIT_VOTES", "LARGEST", "PASS_UNITS", "PASS_VOTES", "TOTALS",
@@ -36,17 +36,20 @@ def weight_of(tiles: TileArrays, slot: int, row: int, channel: int, cell: int) -
 
 
 @borrowing
-def take_census(tiles: TileArrays, side: int, lo: IntArray, hi: IntArray, totals: IntArray) -> None:
+def take_census(
+    tiles: TileArrays, slots: IntArray, side: int, lo: IntArray, hi: IntArray, totals: IntArray
+) -> None:
     """Count, sum and bound the cells with a weight.
 
     Args:
         tiles: the tiles.
+        slots: which of them.
         side: cells along the side of a tile.
         lo: lowered to the first index along each axis, shape (d,).
         hi: raised to one past the last index.
         totals: added to, see `CELLS` and what follows it; LARGEST is raised, FRACTION is joined.
     """
-    for slot in range(tiles.counts[TILE_COUNT]):
+    for slot in slots:
         row = tiles.wide_of[slot]
         narrow = tiles.narrow[slot]
         known, hits, passes = np.int64(0), np.int64(0), np.int64(0)
