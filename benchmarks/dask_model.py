@@ -4,11 +4,13 @@
     python benchmarks/dask_model.py                       # half a minute of CPU, and the tables
     python benchmarks/dask_model.py --json costs.json     # keeps the costs
     python benchmarks/dask_model.py --costs costs.json    # the tables alone
+    python benchmarks/dask_model.py --runs result.json    # beside what dask_build.py has measured
 
-The tasks that workers run (`map_chunk`, `add_group`, `write_group`) are run here, on 400 m of the
-street of `street_log.py` at 0.1 m, and their CPU time is taken, which other programs on the machine
-change little. The model adds up: work shared among workers, against what one scheduler and one
-store let through; each phase takes as long as the slowest of these.
+The tasks that workers run (`map_chunk`, `write_group`) are run here, on 400 m of the street of
+`street_log.py` at 0.1 m, and their CPU time is taken, which other programs on the machine change
+little. The model adds up what a worker does, one after the other: computing, and waiting for the
+store. One scheduler and one store let only so much through; each phase takes as long as the slowest
+of these.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import json
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -30,10 +32,11 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.kernels.units import ONE
 from oddsmap.scale.answers import Refusal
 from oddsmap.scale.chunk_task import Chunk, PartRef, map_chunk
-from oddsmap.scale.group_tasks import GroupSum, Stored, add_group, write_group
+from oddsmap.scale.group_tasks import Given, write_group
 from oddsmap.scale.log_source import LogSource
 from oddsmap.scale.map_places import LocalPlace
 from oddsmap.scale.marked_place import mark
+from oddsmap.scale.shard_sums import Stored
 from oddsmap.scale.worker_versions import versions_here
 
 SCANS = 400
@@ -49,11 +52,12 @@ class Costs:
         mb_read: of a scan's file.
         mb_parts: of parts, of a kilometre in chunks of one piece.
         mb_parts_end: of parts more, for each end of a chunk: what two chunks see.
+        parts: their number, of a kilometre.
+        parts_end: likewise, for each end of a chunk.
         mb_map: of a kilometre in the map.
         files: of a kilometre in the map.
         groups: of a kilometre.
-        add_s: CPU of adding up a MB of parts [s].
-        write_s: CPU of writing a MB of map [s].
+        write_s: CPU of adding up and writing a MB of parts [s].
         task_s: of the scheduler, for each task [s].
     """
 
@@ -61,10 +65,11 @@ class Costs:
     mb_read: float
     mb_parts: float
     mb_parts_end: float
+    parts: float
+    parts_end: float
     mb_map: float
     files: float
     groups: float
-    add_s: float
     write_s: float
     task_s: float
 
@@ -76,6 +81,9 @@ class Cluster:
     Args:
         workers: threads that map.
         worker_mb_s: between a worker and the store.
+        request_s: that a worker waits for the store, beside that, each time it asks [s].
+        scan_mb_s: between a worker and the logs.
+        scan_s: that a worker waits for a scan's file, beside that [s].
         store_mb_s: of the store, to all workers together.
         store_requests_s: writes of the store in a second.
         chunk_scans: scans in a chunk, one a metre.
@@ -83,9 +91,12 @@ class Cluster:
 
     workers: int
     worker_mb_s: float = 100.0
+    request_s: float = 0.02
+    scan_mb_s: float = 100.0
+    scan_s: float = 0.02
     store_mb_s: float = 5000.0
     store_requests_s: float = 3500.0
-    chunk_scans: int = 2000
+    chunk_scans: float = 2000.0
 
 
 def measure(log: Path, task_s: float) -> Costs:
@@ -93,7 +104,7 @@ def measure(log: Path, task_s: float) -> Costs:
     versions = versions_here()
     empty = Evidence(0.1, ndim=3)
     km = SCANS / 1000
-    parts_mb = {}
+    counts, sizes = [], []
     with tempfile.TemporaryDirectory() as folder:
         place = LocalPlace(folder, "writing")
         mark(place, "parts")
@@ -113,62 +124,58 @@ def measure(log: Path, task_s: float) -> Costs:
                 for group, part in mapped(number, first, first + size).items():
                     groups.setdefault(group, []).append(part)
             map_s = (time.process_time() - started) / SCANS
-            parts_mb[size] = sum(p.length for parts in groups.values() for p in parts) / 1e6
-        started, sums = time.process_time(), []
-        for parts in groups.values():
-            found = add_group(versions, place, parts, (), 3)
-            assert isinstance(found, GroupSum)
-            sums.append(found)
-        add_s = (time.process_time() - started) / parts_mb[size]
+            counts.append(sum(len(parts) for parts in groups.values()))
+            sizes.append(sum(p.length for parts in groups.values() for p in parts) / 1e6)
+        # What long maps need, whose parts are all of bytes.
         stored = {name: Stored("uint16", ONE) for name in ("hits", "passes")}
         started = time.process_time()
-        for each in sums:
-            write_group(versions, each, stored, (0, 0, 0), place, "map", "parts")
-        write_s = time.process_time() - started
+        for parts in groups.values():
+            first_place = (0, 0, 0)
+            write_group(versions, place, Given(parts, 3), (), stored, first_place, "map", "parts")
+        write_s = (time.process_time() - started) / sizes[-1]
         files = [path for path in Path(folder, "map").rglob("*") if path.is_file()]
         mb_map = sum(path.stat().st_size for path in files) / 1e6
-    small, large = (parts_mb[size] for size in CHUNKS)
-    ends = [2 * SCANS // size for size in CHUNKS]
-    end = (small - large) / (ends[0] - ends[1])
-    read = sum(path.stat().st_size for path in log.glob("*.pcd")) / SCANS / 1e6
+    ends = [2 * SCANS / size for size in CHUNKS]
+    mb_end, parts_end = ((of[0] - of[1]) / (ends[0] - ends[1]) for of in (sizes, counts))
     return Costs(
         map_s=map_s,
-        mb_read=read,
-        mb_parts=(large - ends[1] * end) / km,
-        mb_parts_end=end,
+        mb_read=sum(path.stat().st_size for path in log.glob("*.pcd")) / SCANS / 1e6,
+        mb_parts=(sizes[1] - ends[1] * mb_end) / km,
+        mb_parts_end=mb_end,
+        parts=(counts[1] - ends[1] * parts_end) / km,
+        parts_end=parts_end,
         mb_map=mb_map / km,
         files=len(files) / km,
         groups=len(groups) / km,
-        add_s=add_s,
-        write_s=write_s / mb_map,
+        write_s=write_s,
         task_s=task_s,
     )
 
 
 def predict(costs: Costs, km: float, cluster: Cluster) -> dict[str, dict[str, float]]:
     """How long each phase takes [s], by what could limit it."""
-    scans = 1000 * km
+    scans, workers = 1000 * km, cluster.workers
     chunks = max(scans / cluster.chunk_scans, 1.0)
-    parts = costs.mb_parts * km + 2 * chunks * costs.mb_parts_end
+    mb_parts = costs.mb_parts * km + 2 * chunks * costs.mb_parts_end
+    parts = costs.parts * km + 2 * chunks * costs.parts_end
     mb_map, groups, files = (costs.mb_map * km, costs.groups * km, costs.files * km)
-    workers = cluster.workers
-    wire = min(workers * cluster.worker_mb_s, cluster.store_mb_s)
+    a_scan = costs.map_s + costs.mb_read / cluster.scan_mb_s + cluster.scan_s
+    mapping = scans * a_scan + mb_parts / cluster.worker_mb_s + chunks * cluster.request_s
     # The last round of chunks keeps some workers waiting: half a chunk each, on average.
-    idle = 0.5 * min(cluster.chunk_scans, scans / workers) * costs.map_s
+    idle = 0.5 * min(cluster.chunk_scans, scans / workers) * a_scan if workers > 1 else 0.0
+    writing = mb_parts * costs.write_s + (mb_parts + mb_map) / cluster.worker_mb_s
+    writing += (parts + groups + files) * cluster.request_s  # each group looks at the mark
     return {
         "mapping": {
-            "work": scans * costs.map_s / min(workers, chunks) + idle,
-            "store": (scans * costs.mb_read + parts) / wire,
+            "workers": mapping / min(workers, chunks) + idle,
+            "store": (scans * costs.mb_read + mb_parts) / cluster.store_mb_s,
             "scheduler": chunks * costs.task_s,
         },
-        "adding": {
-            "work": parts * costs.add_s / min(workers, groups),
-            "store": parts / wire,
-            "scheduler": 2 * groups * costs.task_s,
-        },
         "writing": {
-            "work": mb_map * costs.write_s / min(workers, groups),
-            "store": max(mb_map / wire, files / cluster.store_requests_s),
+            "workers": writing / min(workers, groups),
+            "store": max(
+                (mb_parts + mb_map) / cluster.store_mb_s, files / cluster.store_requests_s
+            ),
             "scheduler": groups * costs.task_s,
         },
     }
@@ -180,8 +187,8 @@ def show(costs: Costs, km: float) -> None:
     print(f"\n{km:g} km: {1000 * km:,.0f} scans, {1e-6 * 1000 * km * costs.mb_read:,.1f} TB read, ")
     print(f"{parts / 1e3:,.1f} GB of parts, a map of {costs.mb_map * km / 1e3:,.1f} GB in ")
     print(f"{costs.files * km:,.0f} files, {costs.groups * km:,.0f} groups\n")
-    print("| workers | mapping | adding | writing | together | limited by |")
-    print("|---|---|---|---|---|---|")
+    print("| workers | mapping | writing | together | limited by |")
+    print("|---|---|---|---|---|")
     for workers in (1, 10, 100, 1000):
         phases = predict(costs, km, Cluster(workers))
         longest = {name: max(of.values()) for name, of in phases.items()}
@@ -190,6 +197,29 @@ def show(costs: Costs, km: float) -> None:
         cells = " | ".join(_time(seconds) for seconds in longest.values())
         total = _time(sum(longest.values()))
         print(f"| {workers:,} | {cells} | {total} | {phase}: {why} |")
+
+
+def beside(costs: Costs, runs: Path) -> None:
+    """What was measured on clusters here, and what the model says of them."""
+    result = json.loads(runs.read_text())
+    print("\n| | mapping [s], measured | model | writing [s], measured | model |")
+    print("|---|---|---|---|---|")
+    for name, row in result["medians"].items():
+        if "chunks" not in row:
+            continue
+        cluster = Cluster(
+            workers=int(row["workers"]),
+            worker_mb_s=row["store_mb_s"] or float("inf"),
+            request_s=row["store_request_s"],
+            scan_mb_s=float("inf"),
+            scan_s=0.0,
+            chunk_scans=result["scans"] / row["chunks"],
+        )
+        phases = predict(costs, result["scans"] / 1000, cluster)
+        cells = [
+            f"{row[f'{phase}_wall_s']:.1f} | {max(phases[phase].values()):.1f}" for phase in phases
+        ]
+        print(f"| {name} | {' | '.join(cells)} |")
 
 
 def _time(seconds: float) -> str:
@@ -205,6 +235,7 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=ROOT / "benchmarks" / ".cache")
     parser.add_argument("--costs", type=Path)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--runs", type=Path, help="what dask_build.py --json has written")
     parser.add_argument("--task-ms", type=float, default=1.0, help="of the scheduler, for a task")
     options = parser.parse_args()
     if options.costs:
@@ -215,11 +246,8 @@ def main() -> None:
     if options.json:
         options.json.write_text(json.dumps(asdict(costs), indent=1))
     print(json.dumps({name: float(f"{value:.4g}") for name, value in asdict(costs).items()}))
-    for workers in (1, 2):
-        small = replace(Cluster(workers), chunk_scans=75 * 2 // workers)
-        phases = predict(costs, 0.6, small)
-        total = sum(max(of.values()) for of in phases.values())
-        print(f"600 scans, {workers} workers: {total:.1f} s ({total * workers:.1f} s of CPU)")
+    if options.runs:
+        beside(costs, options.runs)
     show(costs, 10_000)
 
 

@@ -29,6 +29,18 @@ _CONNECT_S = 10.0
 _LOOK_EVERY_S = 2.0
 # Tries of a task whose store or machine fails; a worker that dies counts apart.
 _RETRIES = 2
+# Of clusters that end with the command, which nobody watches: what goes wrong is said by us, a
+# worker that is killed is no news, and Dask looks at itself less often. By default an idle cluster
+# of two takes 12 % of a core, most of it to see every millisecond how long Python's lock is held;
+# so it takes 2 %.
+_QUIET_CLUSTER = {
+    "logging.distributed": "critical",
+    "distributed.admin.system-monitor.gil.enabled": False,
+    "distributed.admin.system-monitor.interval": "2s",
+    "distributed.admin.tick.interval": "500ms",
+    "distributed.worker.memory.monitor-interval": "500ms",
+    "distributed.worker.profile.enabled": False,
+}
 _LOST = "the scheduler is gone; nothing of the map is changed: start it again, and the build"
 
 
@@ -222,8 +234,7 @@ def _local(workers: int) -> Client:
     import dask
     from distributed import Client, LocalCluster
 
-    # What goes wrong is said by us; a worker that is killed is no news.
-    with dask.config.set({"logging.distributed": "critical"}):
+    with dask.config.set(_QUIET_CLUSTER):
         cluster = LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0",
             silence_logs=logging.CRITICAL,
