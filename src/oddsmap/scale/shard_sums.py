@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy.typing as npt
 from oddsmap.array_types import IntArray
 from oddsmap.errors import MapTooLargeError
 from oddsmap.evidence.tiles import HEAVIEST, NOTHING, Census
-from oddsmap.kernels.units import FRACTION_BITS, ONE
+from oddsmap.kernels.units import ONE
 from oddsmap.map_files.shard_bytes import pack_shard, shard_index, unpack_chunk
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD
 from oddsmap.scale.shard_records import LENGTHS, VOTES, Index, PackedArray, PackedShard
@@ -59,29 +60,28 @@ def _added(
     for names, own in (
         (VOTES, [shard.votes for shard in shards]), (LENGTHS, [shard.lengths for shard in shards])
     ):  # fmt: skip
-        there = [shard.arrays for shard, census in zip(shards, own, strict=True) if census.cells]
+        with_own = zip(shards, own, strict=True)
+        there = [(shard.arrays, census) for shard, census in with_own if census.cells]
         if len(there) > 1:
-            summed, census = _add(place, there, names, d, stored)
+            summed, census = _add(there, names, d, stored)
         else:  # most are seen by one chunk alone
-            alone = there[0] if there else {}
+            alone, census = there[0] if there else ({}, NOTHING)
             summed = {name: alone[name] for name in names if name in alone}
             if stored is not None:
                 summed = {name: as_stored(a, stored[name], d) for name, a in summed.items()}
-            census = next((each for each in own if each.cells), NOTHING)
         arrays |= summed
         censuses.append(census)
     return PackedShard(place, arrays, *censuses)
 
 
 def _add(
-    place: Index,
-    parts: list[dict[str, PackedArray]],
+    parts: list[tuple[dict[str, PackedArray], Census]],
     names: tuple[str, ...],
     d: int,
     stored: Mapping[str, Stored] | None,
 ) -> tuple[dict[str, PackedArray], Census]:
     """Add up some arrays of one shard, which are counted together."""
-    given = {name: [part[name] for part in parts if name in part] for name in names}
+    given = {name: [arrays[name] for arrays, _ in parts if name in arrays] for name in names}
     count = (SHARD[d] // CHUNK[d]) ** d
     frames = {
         name: [shard_index(array.content, count, name) for array in arrays]
@@ -91,13 +91,9 @@ def _add(
     numbers = numbers.astype(np.int64)
     units = {array.unit for arrays in given.values() for array in arrays}
     unit = ONE if units <= {ONE} else 1
-    sums = [_sum(given[name], frames[name], numbers, unit, d) for name in names]
-    census = _census(place, numbers, sums, unit, d)
-    if census.largest > HEAVIEST:
-        raise MapTooLargeError(
-            "a cell's weight would pass 2^46 votes (2^62 units): "
-            "the same evidence has been added many times over"
-        )
+    most = sum(census.largest for _, census in parts) // unit
+    sums = [_sum(given[name], frames[name], numbers, unit, most, d) for name in names]
+    census = _census(sums, unit, [census for _, census in parts])
     own = Stored(np.min_scalar_type(census.largest // unit).name, unit)
     packed = {}
     for name, cells in zip(names, sums, strict=True):
@@ -116,64 +112,46 @@ def _counted(cells: Cells, unit: int, stored: Stored) -> Cells:
 
 
 def _sum(
-    arrays: list[PackedArray], frames: list[dict[int, bytes]], numbers: IntArray, unit: int, d: int
+    arrays: list[PackedArray],
+    frames: list[dict[int, bytes]],
+    numbers: IntArray,
+    unit: int,
+    most: int,
+    d: int,
 ) -> Cells:
-    """Add up one array, in units of `unit`: cells of each chunk, shape (n, chunk^d)."""
-    most = sum(int(np.iinfo(array.dtype).max) * (array.unit // unit) for array in arrays)
-    wide = most > np.iinfo(np.uint64).max
-    total = np.zeros((len(numbers), CHUNK[d] ** d), np.uint64 if wide else np.min_scalar_type(most))
+    """Add up one array, in units of `unit`, of which no cell has more than `most`.
+
+    Returns:
+        Cells of each chunk, shape (n, chunk^d).
+    """
+    limit = HEAVIEST // unit
+    total = np.zeros((len(numbers), CHUNK[d] ** d), np.min_scalar_type(min(most, 2 * limit)))
     row_of = {number: row for row, number in enumerate(numbers.tolist())}
-    heaviest = 0
     for array, own in zip(arrays, frames, strict=True):
         cells = np.empty(CHUNK[d] ** d, array.dtype)
         shift = (array.unit // unit).bit_length() - 1
-        largest = 0
         for number, frame in own.items():
             unpack_chunk(frame, cells, "a part of a map")
-            largest = max(largest, int(cells.max())) if wide else 0
-            total[row_of[number]] += cells.astype(total.dtype, copy=False) << shift
-        heaviest += largest << shift
-    if heaviest > np.iinfo(np.uint64).max:
-        raise MapTooLargeError("a cell's weight would pass 2^46 votes by far: damaged parts")
+            total[row_of[number]] += cells.astype(total.dtype) << shift if shift else cells
+        if most > limit and total.max(initial=0) > limit:
+            raise MapTooLargeError(
+                "a cell's weight would pass 2^46 votes (2^62 units): "
+                "the same evidence has been added many times over"
+            )
     return total
 
 
-def _census(place: Index, numbers: IntArray, sums: list[Cells], unit: int, d: int) -> Census:
-    if not len(numbers):
-        return NOTHING
-    known = np.logical_or.reduce([cells != 0 for cells in sums])
-    bounds = None
-    if known.any():
-        chunk, grid = CHUNK[d], SHARD[d] // CHUNK[d]
-        at = np.stack(np.unravel_index(numbers, (grid,) * d)[::-1], axis=1)
-        first = np.array(place, np.int64) * SHARD[d] + at * chunk
-        box = known.reshape(-1, *(chunk,) * d)
-        lo, hi = np.empty(d, np.int64), np.empty(d, np.int64)
-        for axis in range(d):
-            others = tuple(1 + other for other in range(d) if other != d - 1 - axis)
-            row, within = np.nonzero(box.any(axis=others))
-            lo[axis] = (first[row, axis] + within).min()
-            hi[axis] = (first[row, axis] + within).max() + 1
-        bounds = lo, hi
-    if unit != ONE:  # narrow numbers know no 65536
-        sums = [cells.astype(np.uint64) for cells in sums]
-    totals = [_total(cells, unit) for cells in sums]
-    fraction = unit != ONE and any(bool((cells % ONE).any()) for cells in sums)
-    return Census(
-        cells=int(np.count_nonzero(known)),
-        hits=totals[0] if len(sums) == 2 else 0,
-        passes=totals[-1],
-        largest=max(int(cells.max()) for cells in sums) * unit,
-        whole_votes=not fraction,
-        bounds=bounds,
+def _census(sums: list[Cells], unit: int, parts: list[Census]) -> Census:
+    """What is in a sum: some of it is the sum of what was in the parts."""
+    joined = reduce(Census.joined, parts)
+    whole_votes = joined.whole_votes or not any(
+        (cells & np.uint64(ONE - 1)).any() for cells in sums
     )
-
-
-def _total(cells: Cells, unit: int) -> int:
-    if unit == ONE:
-        return int(cells.sum(dtype=np.uint64)) << FRACTION_BITS
-    whole, rest = (part.sum(dtype=np.uint64) for part in (cells >> FRACTION_BITS, cells % ONE))
-    return (int(whole) << FRACTION_BITS) + int(rest)
+    return joined._replace(
+        cells=int(np.count_nonzero(np.bitwise_or.reduce(sums))),
+        largest=max(int(cells.max(initial=0)) for cells in sums) * unit,
+        whole_votes=whole_votes,
+    )
 
 
 def as_stored(array: PackedArray, stored: Stored, d: int) -> PackedArray:
