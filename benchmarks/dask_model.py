@@ -23,12 +23,15 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 from benchmarks.street_log import street_log
 from oddsmap import BeamSensor
 from oddsmap.evidence.evidence import Evidence
+from oddsmap.evidence.stored_tiles import Form
 from oddsmap.kernels.units import ONE
 from oddsmap.scale.answers import Refusal
 from oddsmap.scale.chunk_task import Chunk, PartRef, map_chunk
@@ -36,7 +39,6 @@ from oddsmap.scale.group_tasks import Given, write_group
 from oddsmap.scale.log_source import LogSource
 from oddsmap.scale.map_places import LocalPlace
 from oddsmap.scale.marked_place import mark
-from oddsmap.scale.shard_sums import Stored
 from oddsmap.scale.worker_versions import versions_here
 
 SCANS = 400
@@ -127,11 +129,11 @@ def measure(log: Path, task_s: float) -> Costs:
             counts.append(sum(len(parts) for parts in groups.values()))
             sizes.append(sum(p.length for parts in groups.values() for p in parts) / 1e6)
         # What long maps need, whose parts are all of bytes.
-        stored = {name: Stored("uint16", ONE) for name in ("hits", "passes")}
+        forms = {name: Form(ONE, np.dtype(np.uint16)) for name in ("hits", "passes")}
         started = time.process_time()
         for parts in groups.values():
             first_place = (0, 0, 0)
-            write_group(versions, place, Given(parts, 3), (), stored, first_place, "map", "parts")
+            write_group(versions, place, Given(parts, 3), (), forms, first_place, "map", "parts")
         write_s = (time.process_time() - started) / sizes[-1]
         files = [path for path in Path(folder, "map").rglob("*") if path.is_file()]
         mb_map = sum(path.stat().st_size for path in files) / 1e6

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oddsmap import EvidenceMap, MapTooLargeError
+from oddsmap.evidence.stored_tiles import VOTES, Form
 from oddsmap.scale.chunk_task import PartRef, Weights
 from oddsmap.scale.group_tasks import Given, add_group
 from oddsmap.scale.map_places import LocalPlace
 from oddsmap.scale.shard_records import (
     GROUP,
-    VOTES,
     PackedGroup,
     PackedShard,
     packed_group,
@@ -25,8 +25,8 @@ from oddsmap.scale.shard_records import (
     split,
     totals_of,
 )
-from oddsmap.scale.shard_sums import Stored, add_shards, as_stored
-from oddsmap.scale.stored_types import stored_as, undecided
+from oddsmap.scale.shard_sums import add_shards, in_form
+from oddsmap.scale.stored_forms import form_of, undecided
 from oddsmap.scale.worker_versions import versions_here
 from tests.kit import ONE, Votes, add_votes
 
@@ -79,10 +79,10 @@ def test_parts_add_up_as_cells_do(drawn: tuple[int, list[Votes]]) -> None:
         packed = split(packed_groups(own)[group].content)
         assert stored(sums, d) == stored(packed, d)
         # Adding up as the map is stored is adding up, and storing.
-        how = {name: stored_as([Weights(census.largest, census.whole_votes)]) for name in VOTES}
+        how = {name: form_of([Weights(census.largest, census.whole_votes)]) for name in VOTES}
         given = [split(each[group].content) for each in groups if group in each]
         assert [shard.arrays for shard in add_shards(given, d, how)] == [
-            {name: as_stored(array, how[name], d) for name, array in shard.arrays.items()}
+            {name: in_form(array, how[name], d) for name, array in shard.arrays.items()}
             for shard in sums
         ]
     assert {name for each in groups for name in each} == set(packed_groups(whole))
@@ -90,7 +90,7 @@ def test_parts_add_up_as_cells_do(drawn: tuple[int, list[Votes]]) -> None:
 
 def stored(shards: list[PackedShard], d: int) -> dict[tuple[object, str], bytes]:
     return {
-        (shard.place, name): as_stored(array, Stored("uint64", 1), d).content
+        (shard.place, name): in_form(array, Form(1, np.dtype("uint64")), d).content
         for shard in shards
         for name, array in shard.arrays.items()
     }
@@ -144,10 +144,10 @@ def test_which_groups_decide_about_the_type() -> None:
     assert undecided({(0,): weights(1.5), (1,): weights(2, 3)}) == set()
     assert undecided({(0,): weights(1.5, 2.5), (1,): weights(2, 3)}) == {(0,), (1,)}
     assert undecided({(0,): weights(0.5), (1,): weights(40000, 40000)}) == {(1,)}
-    assert stored_as(weights(3, 255)) == ("uint8", ONE)
-    assert stored_as(weights(3, 256)) == ("uint16", ONE)
-    assert stored_as(weights(0.5, 3)) == ("uint32", 1)
-    assert stored_as([]) == ("uint8", ONE)
+    assert form_of(weights(3, 255)) == Form(ONE, np.dtype("uint8"))
+    assert form_of(weights(3, 256)) == Form(ONE, np.dtype("uint16"))
+    assert form_of(weights(0.5, 3)) == Form(1, np.dtype("uint32"))
+    assert form_of([]) == Form(ONE, np.dtype("uint8"))
 
 
 def test_lengths_go_along() -> None:

@@ -19,14 +19,10 @@ import numpy as np
 from oddsmap.array_types import IntArray
 from oddsmap.atomic_write import one_writer
 from oddsmap.errors import InputError, OutputError
-from oddsmap.evidence.append_arrays import (
-    Place,
-    UntouchedShards,
-    reached_shards,
-    stored_tiles,
-)
+from oddsmap.evidence.append_arrays import UntouchedShards, form_of_sum
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.store import _empty_map, _header_of, attributes_of, read_empty
+from oddsmap.evidence.store import _empty_map, _fill, _header_of, attributes_of, read_empty
+from oddsmap.evidence.stored_tiles import Place, StoredShard, reached_shards, stored_tiles
 from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import SHARD, new_folder, shard_files
 from oddsmap.map_files.zarr_header import Header, whole_numbers
@@ -136,8 +132,10 @@ def _append(evidence: Evidence, path: Path, *, any_sensor: bool) -> Appended:
     copied, why = False, None
     with new_folder(path, shape, force=True, check=check) as folder:
         for stored in stored_tiles(total):
-            unit, dtype, reason = stored.form(old.header)
-            stored.write(folder, first, unit, dtype)
+            form, reason = form_of_sum(stored, old.header)
+            stored.create(folder, form)
+            write = partial(StoredShard.write, folder=folder, first_place=first)
+            do_side_by_side(write, stored.shards(form))
             for name in stored.names:
                 rest = UntouchedShards(path, old.header, name, shift)
                 places = [each for each in old.files[name] if rest.moved(each) not in reached]
@@ -147,7 +145,7 @@ def _append(evidence: Evidence, path: Path, *, any_sensor: bool) -> Appended:
                         linked = [rest.link(place, folder) for place in places]
                         copied |= not all(linked)
                     else:
-                        anew = partial(rest.write_anew, folder=folder, unit=unit, dtype=dtype)
+                        anew = partial(rest.write_anew, folder=folder, form=form)
                         do_side_by_side(anew, places)
                         why = reason if places else why
                 except InputError:
@@ -166,11 +164,9 @@ def _read_reached(path: Path, evidence: Evidence, *, any_sensor: bool) -> _Old:
     d, shards = touched.ndim, SavedShards(path, header)
     there = set(shards.places(header.arrays))  # which looks for all that were written
     files = {name: [tuple(at) for at in shard_files(path, name, d)] for name in header.arrays}
-    for place in reached_shards(evidence) - header.origin_cell // SHARD[d]:
-        at = tuple(place[::-1].tolist())
-        if at in there:
-            for stored in stored_tiles(touched):
-                stored.read(shards, at)
+    reached = reached_shards(evidence) - header.origin_cell // SHARD[d]
+    places = [at for at in (tuple(place[::-1].tolist()) for place in reached) if at in there]
+    _fill(touched, shards, None, None, places=places)
     lo, hi = (
         np.array(whole_numbers(header.attributes, f"known_cells_{end}"), np.int64)
         for end in ("lo", "hi")

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
-from oddsmap.evidence.append_arrays import Place, stored_tiles
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.store import attributes_of
+from oddsmap.evidence.stored_tiles import Form, Place, stored_tiles
 from oddsmap.kernels.units import FRACTION_BITS, ONE
 from oddsmap.map_files.icechunk_snapshot import Snapshot
 from oddsmap.map_files.shard_bytes import pack_shard, shard_index
@@ -182,7 +182,8 @@ def packed(evidence: Evidence) -> dict[str, bytes | None]:
     d = evidence.ndim
     first, files = np.full(d, -place_of_cell_0(d), np.int64), _Packed(d)
     for stored in stored_tiles(evidence):
-        stored.write(files, first, 1, np.dtype(np.uint64))
+        for shard in stored.shards(Form(1, np.dtype(np.uint64))):
+            shard.write(files, first)
     return files.files
 
 

@@ -16,7 +16,6 @@ from typing import Any, Generic, TypeVar
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError, OddsmapError, OutputError
-from oddsmap.evidence.append_arrays import reached_shards
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.history_log import (
     ADDED,
@@ -36,6 +35,7 @@ from oddsmap.evidence.history_shards import (
     place_of_cell_0,
 )
 from oddsmap.evidence.store import _empty_map
+from oddsmap.evidence.stored_tiles import reached_shards
 from oddsmap.map_files.icechunk_repository import CommitRecord, Repository
 from oddsmap.map_files.icechunk_snapshot import Snapshot
 from oddsmap.short_repr import described

@@ -15,10 +15,10 @@ itself; docs/formats.md lists every attribute.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -28,21 +28,17 @@ from oddsmap.cell_index import cell_box, indices_in
 from oddsmap.config.config import Config
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.tile_counts import append_counts, counts_of, retiled
-from oddsmap.evidence.tiles import HEAVIEST, Census, TileStore
-from oddsmap.kernels.units import HITS, ONE, PASSES
-from oddsmap.limits import TILE_SIDE
-from oddsmap.map_files.chunk_blocks import (
-    ShardBlocks,
-    block_coords,
-    blocks_by_shard,
-    blocks_from_chunks,
-    clear_outside,
-    used_blocks,
+from oddsmap.evidence.stored_tiles import (
+    LENGTHS,
+    VOTES,
+    Form,
+    StoredShard,
+    stored_tiles,
+    unit_of,
 )
+from oddsmap.evidence.tiles import Census, TileStore
 from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import (
-    CHUNK,
     EVIDENCE_MAP,
     FORMAT_VERSION,
     FULL_MAP,
@@ -70,17 +66,10 @@ __all__ = [
     "read_empty",
     "read_map",
     "save_map",
-    "stored_arrays",
     "stores_of",
 ]
 
 E = TypeVar("E", bound=Evidence)
-
-_VOTES = {
-    "hits": "weight of the readings that ended in the cell [weight_unit votes]",
-    "passes": "weight of the readings that went through it [weight_unit votes]",
-}
-_LENGTHS = {"lengths": "length of the beams inside the cell [weight_unit sides of a cell]"}
 
 
 def is_map(path: str | os.PathLike[str]) -> bool:
@@ -106,59 +95,28 @@ def save_map(evidence: Evidence, path: str | os.PathLike[str], *, force: bool = 
 
 def stores_of(evidence: Evidence) -> list[TileStore]:
     """The stores of tiles that a map is saved from: votes, and lengths where it keeps them."""
-    return [evidence.tiles, *([] if evidence.lengths is None else [evidence.lengths])]
-
-
-class _Stored(NamedTuple):
-    """How one store of tiles is saved."""
-
-    channels: tuple[int, ...]
-    names: tuple[str, ...]
-    unit: int
-    dtype: np.dtype[Any]
-
-
-class _ToWrite(NamedTuple):
-    """The tiles of one shard, and how they are saved."""
-
-    stored: _Stored
-    tiles: TileStore
-    shard: ShardBlocks
+    return [stored.tiles for stored in stored_tiles(evidence)]
 
 
 class MapWriter:
     """A map's folder that is being filled, by one part of the map after the other."""
 
     def __init__(
-        self, folder: NewFolder, censuses: Sequence[Census], first_place: IntArray
+        self, folder: NewFolder, like: Evidence, censuses: Sequence[Census], first_place: IntArray
     ) -> None:
         self._folder, self._first_place = folder, first_place
-        self._stored = []
-        kinds = [((HITS, PASSES), _VOTES), ((PASSES,), _LENGTHS)]
-        for (channels, texts), census in zip(kinds, censuses, strict=False):
-            unit = ONE if census.whole_votes else 1
-            dtype = np.min_scalar_type(census.largest // unit)
-            for name, text in texts.items():
-                folder.create(name, dtype, 0, {"description": text, "weight_unit": unit / ONE})
-            self._stored.append(_Stored(channels, tuple(texts), unit, dtype))
+        self._forms = [Form.narrowest(census) for census in censuses]
+        for stored, form in zip(stored_tiles(like), self._forms, strict=True):
+            stored.create(folder, form)
 
-    def shards(self, part: Evidence) -> Iterator[_ToWrite]:
+    def shards(self, part: Evidence) -> Iterator[StoredShard]:
         """What is to be written of a part of the map; no shard is in two of them."""
-        for stored, tiles in zip(self._stored, stores_of(part), strict=True):
-            # Only a caller's own tiles reach over a chunk.
-            d = tiles.ndim
-            fitting = tiles if CHUNK[d] % tiles.side == 0 else retiled(tiles, TILE_SIDE[d])
-            for shard in blocks_by_shard(fitting.coords, fitting.side):
-                yield _ToWrite(stored, fitting, shard)
+        for stored, form in zip(stored_tiles(part), self._forms, strict=True):
+            yield from stored.shards(form)
 
-    def write(self, one: _ToWrite) -> None:
+    def write(self, shard: StoredShard) -> None:
         """Write a shard; threads may write several."""
-        stored, tiles, shard = one
-        place = tuple((shard.place - self._first_place)[::-1].tolist())
-        for name, channel in zip(stored.names, stored.channels, strict=True):
-            counts = counts_of(tiles, shard.blocks, channel, stored.unit, stored.dtype)
-            chunks = shard.to_chunks(counts, tiles.side)
-            self._folder.write(name, place, shard.numbers, chunks)
+        shard.write(self._folder, self._first_place)
 
 
 @contextmanager
@@ -178,7 +136,7 @@ def new_saved_map(
     """
     lo, hi, first, shape = extent_of(censuses, like.ndim)
     with new_folder(Path(path), shape, force=force) as folder:
-        yield MapWriter(folder, censuses, first // SHARD[like.ndim])
+        yield MapWriter(folder, like, censuses, first // SHARD[like.ndim])
         folder.seal(attributes_of(like, first, lo, hi))
 
 
@@ -202,11 +160,6 @@ def extent_of(
     shard = SHARD[d]
     first = lo // shard * shard
     return lo, hi, first, tuple(int(n) for n in (-(-hi // shard) * shard - first)[::-1])
-
-
-def stored_arrays(evidence: Evidence) -> list[dict[str, str]]:
-    """Names and descriptions of the arrays of a map, by what is counted together."""
-    return [_VOTES] if evidence.lengths is None else [_VOTES, _LENGTHS]
 
 
 def attributes_of(
@@ -274,28 +227,13 @@ def _fill(
     places: Sequence[tuple[int, ...]] | None = None,
 ) -> None:
     """Add what a box of a saved map holds, or of some of its shards, to an empty one."""
-    d, side = evidence.ndim, evidence.tiles.side
-    stored = [(evidence.tiles, tuple(_VOTES))]
-    if evidence.lengths is not None:
-        stored.append((evidence.lengths, tuple(_LENGTHS)))
-    for tiles, names in stored:
-        unit = _unit_of(shards.header.arrays[names[0]].attributes, names[0])
-
-        for chunks in shards.read_all(names, lo, hi, places):
-            for cells, name in zip(chunks.cells, names, strict=True):
-                _check_counts(cells, unit, name)
-                if lo is not None or hi is not None:
-                    clear_outside(chunks.first, cells, lo, hi)
-            used = np.any([used_blocks(cells, side, d) for cells in chunks.cells], axis=0)
-            some = np.flatnonzero(used)
-            counts = [blocks_from_chunks(cells, side, d, some) for cells in chunks.cells]
-            # Lengths are stored in place of passes.
-            hits, passes = counts if len(counts) == 2 else (np.zeros_like(counts[0]), counts[0])
-            coords = block_coords(chunks.first, side, some)
-            append_counts(tiles, coords, hits, passes, unit)
+    for stored in stored_tiles(evidence):
+        unit = stored.unit_in(shards.header)
+        for chunks in shards.read_all(stored.names, lo, hi, places):
+            stored.fill(chunks, unit, lo, hi)
             if take is not None:
                 take(evidence)
-                tiles.clear()
+                stored.tiles.clear()
 
 
 def _header_of(path: Path) -> Header:
@@ -337,7 +275,7 @@ def _check(header: Header, config: Config) -> None:
     """Refuse a map that contradicts itself."""
     check_place(header, config.map.resolution)
     check_equal(header.attributes, "votes", config.map.votes)
-    expected = {*_VOTES, *(_LENGTHS if config.map.path_lengths else ())}
+    expected = {*VOTES, *(LENGTHS if config.map.path_lengths else ())}
     if set(header.arrays) != expected:
         raise ValueError(
             f"it has the arrays {', '.join(header.arrays)}, and its configuration needs "
@@ -348,8 +286,8 @@ def _check(header: Header, config: Config) -> None:
             raise ValueError(f"{name} holds {array.dtype}, which are no counts")
         if array.fill_value != 0:
             raise ValueError(f"{name} has the fill value {array.fill_value}, and 0 is no evidence")
-        _unit_of(array.attributes, name)
-    votes = [header.arrays[name] for name in _VOTES]
+        unit_of(array.attributes, name)
+    votes = [header.arrays[name] for name in VOTES]
     if len({(each.dtype, each.attributes["weight_unit"]) for each in votes}) > 1:
         raise ValueError("hits and passes are stored in different units")
     lo, hi = (whole_numbers(header.attributes, f"known_cells_{end}") for end in ("lo", "hi"))
@@ -359,17 +297,3 @@ def _check(header: Header, config: Config) -> None:
     )
     if not inside:
         raise ValueError(f"known cells {lo} to {hi} lie outside the arrays, which begin at {begin}")
-
-
-def _unit_of(attributes: Mapping[str, Any], name: str) -> int:
-    """Units in one count of an array."""
-    unit = attributes["weight_unit"]
-    if isinstance(unit, bool) or unit not in (1.0, 1 / ONE):
-        raise ValueError(f"{name} has weight_unit {unit!r:.40}, which is 1.0 or 1/{ONE}")
-    return round(float(unit) * ONE)
-
-
-def _check_counts(cells: npt.NDArray[Any], unit: int, name: str) -> None:
-    most = HEAVIEST // unit
-    if np.iinfo(cells.dtype).max > most and cells.max(initial=0) > most:
-        raise ValueError(f"{name} holds weights that are not counts of 0 to 2^46 votes")

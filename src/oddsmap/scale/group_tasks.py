@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from oddsmap.evidence.stored_tiles import Form
 from oddsmap.evidence.tiles import Census
 from oddsmap.scale.answers import Refusal, answering
 from oddsmap.scale.chunk_task import PartRef, Weights
@@ -20,7 +21,7 @@ from oddsmap.scale.shard_records import (
     split,
     totals_of,
 )
-from oddsmap.scale.shard_sums import Stored, add_shards
+from oddsmap.scale.shard_sums import add_shards
 
 __all__ = ["FAN_IN", "Given", "WrittenGroup", "add_group", "weights_of", "write_group"]
 
@@ -67,7 +68,7 @@ def add_group(
 
 @answering
 def weights_of(group: PackedGroup | Refusal) -> tuple[Weights, Weights] | Refusal:
-    """A task: what decides about types, votes and lengths, without the group itself."""
+    """A task: what decides about forms, votes and lengths, without the group itself."""
     if isinstance(group, Refusal):
         return group
     votes, lengths = (Weights(each.largest, each.whole_votes) for each in group[1:])
@@ -79,7 +80,7 @@ def write_group(
     place: Place,
     given: Given,
     sums: Iterable[PackedGroup | Refusal],
-    stored: Mapping[str, Stored],
+    forms: Mapping[str, Form],
     first_place: Sequence[int],
     folder: str,
     parts: str,
@@ -90,7 +91,7 @@ def write_group(
         place: where the parts are, and the map goes.
         given: the parts.
         sums: what other tasks have added up, of other chunks.
-        stored: how each array of the map is stored.
+        forms: of the arrays of the map.
         first_place: the first shard of the arrays, x first.
         folder: the beginning of the map's names.
         parts: likewise of the parts, where the place is marked.
@@ -99,7 +100,7 @@ def write_group(
     found = _parts(place, given, sums)
     if isinstance(found, Refusal):
         return found
-    files, shards = [], add_shards(found, given.d, stored)
+    files, shards = [], add_shards(found, given.d, forms)
     for shard in shards:
         at = tuple(i - first for i, first in zip(shard.place, first_place, strict=True))[::-1]
         for name, array in shard.arrays.items():

@@ -2,7 +2,7 @@
 """Logs to a map on a cluster: chunks of scans, groups of shards, files.
 
 chunks                  # chunk_task.py: mapped where they are read, parts written to the store
-types of the arrays     # stored_types.py: the largest weight decides
+forms of the arrays     # stored_forms.py: the largest weight decides
 groups of shards        # write_on_cluster.py: parts of all chunks added, each once, and written
 """
 
@@ -101,10 +101,16 @@ def map_on_cluster(
     for each in inputs:
         for _ in warn_of_no_returns(list(each.head), each.sensor):
             pass
-    chunks = [
-        Chunk(0, each.source, each.head.scan_count, first, past, each.sensor, method, each.sample)
+    ranges = [
+        (each, first, past)
         for each in inputs
         for first, past in _ranges(each.head, cluster.threads, chunk_scans)
+    ]
+    chunks = [
+        Chunk(
+            number, each.source, each.head.scan_count, first, past, each.sensor, method, each.sample
+        )
+        for number, (each, first, past) in enumerate(ranges)
     ]
     started = time.perf_counter()
     mapped = _map_chunks(cluster, output, chunks, empty, progress)
@@ -146,8 +152,6 @@ def _map_chunks(
     empty: Evidence,
     progress: Callable[[int], None] | None,
 ) -> dict[int, MappedChunk]:
-    for number, chunk in enumerate(chunks):
-        object.__setattr__(chunk, "number", number)
     futures = [
         cluster.submit(
             f"chunk-{output.parts}-{chunk.number}", map_chunk, chunk, empty, output.place,

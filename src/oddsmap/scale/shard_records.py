@@ -10,29 +10,25 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.tile_counts import counts_of, retiled
-from oddsmap.evidence.tiles import NOTHING, Census, TileStore
-from oddsmap.kernels.units import HITS, ONE, PASSES
-from oddsmap.limits import TILE_SIDE
-from oddsmap.map_files.chunk_blocks import blocks_by_shard
+from oddsmap.evidence.stored_tiles import VOTES, Form, StoredShard, stored_tiles
+from oddsmap.evidence.tiles import NOTHING, Census
 from oddsmap.map_files.shard_bytes import pack_shard
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD
 
 __all__ = [
-    "GROUP", "LENGTHS", "VOTES", "Index", "PackedArray", "PackedGroup", "PackedShard",
+    "GROUP", "Index", "PackedArray", "PackedGroup", "PackedShard",
     "packed_group", "packed_groups", "split", "totals_of",
 ]  # fmt: skip
 
 GROUP = {2: 1, 3: 4}
 """Side of a group of shards, which has one owner: 51 m for 2D maps of 0.05 m, 3D ones of 0.1 m."""
 
-VOTES, LENGTHS = ("hits", "passes"), ("lengths",)
 _LENGTH = struct.Struct("<Q")
 
 Index = tuple[int, ...]
@@ -77,12 +73,12 @@ def packed_groups(evidence: Evidence) -> dict[Index, PackedGroup]:
         What there is of each, by its place in groups from cell 0, x first.
     """
     shards: dict[Index, PackedShard] = {}
-    for place, arrays, census in _packed(evidence.tiles, VOTES):
-        shards[place] = PackedShard(place, arrays, census, NOTHING)
-    if evidence.lengths is not None:
-        for place, arrays, census in _packed(evidence.lengths, LENGTHS):
-            beside = shards.get(place, PackedShard(place, {}, NOTHING, NOTHING))
-            shards[place] = beside._replace(arrays=beside.arrays | arrays, lengths=census)
+    for stored in stored_tiles(evidence):
+        for shard in stored.shards(Form.narrowest(stored.tiles.census())):
+            own = _packed(shard)
+            if own.arrays:
+                beside = shards.get(own.place)
+                shards[own.place] = own if beside is None else _together(beside, own)
     groups: dict[Index, list[PackedShard]] = {}
     for place in sorted(shards):
         group = tuple(i // GROUP[evidence.ndim] for i in place)
@@ -90,26 +86,22 @@ def packed_groups(evidence: Evidence) -> dict[Index, PackedGroup]:
     return {group: packed_group(of_group) for group, of_group in groups.items()}
 
 
-def _packed(
-    tiles: TileStore, names: tuple[str, ...]
-) -> Iterator[tuple[Index, dict[str, PackedArray], Census]]:
-    d = tiles.ndim
-    census = tiles.census()
-    unit = ONE if census.whole_votes else 1
-    dtype = np.min_scalar_type(census.largest // unit)
-    # Only a caller's own tiles reach over a chunk.
-    fitting = tiles if CHUNK[d] % tiles.side == 0 else retiled(tiles, TILE_SIDE[d])
-    channels = (HITS, PASSES) if names == VOTES else (PASSES,)
-    for shard in blocks_by_shard(fitting.coords, fitting.side):
-        arrays = {}
-        for name, channel in zip(names, channels, strict=True):
-            counts = counts_of(fitting, shard.blocks, channel, unit, dtype)
-            chunks = shard.to_chunks(counts, fitting.side)
-            content = pack_shard(shard.numbers, chunks, (SHARD[d] // CHUNK[d]) ** d, 0)
-            if content is not None:
-                arrays[name] = PackedArray(dtype.name, unit, content)
-        if arrays:
-            yield tuple(shard.place.tolist()), arrays, fitting.census(shard.blocks)
+def _packed(shard: StoredShard) -> PackedShard:
+    d, (unit, dtype) = shard.of.tiles.ndim, shard.form
+    arrays = {}
+    for name, chunks in shard.arrays():
+        content = pack_shard(shard.blocks.numbers, chunks, (SHARD[d] // CHUNK[d]) ** d, 0)
+        if content is not None:
+            arrays[name] = PackedArray(dtype.name, unit, content)
+    census = shard.of.tiles.census(shard.blocks.blocks)
+    votes, lengths = (census, NOTHING) if shard.of.texts is VOTES else (NOTHING, census)
+    return PackedShard(tuple(shard.blocks.place.tolist()), arrays, votes, lengths)
+
+
+def _together(one: PackedShard, other: PackedShard) -> PackedShard:
+    """Arrays of one kind, and of the other."""
+    votes, lengths = one.votes.joined(other.votes), one.lengths.joined(other.lengths)
+    return PackedShard(one.place, one.arrays | other.arrays, votes, lengths)
 
 
 def packed_group(shards: Sequence[PackedShard]) -> PackedGroup:

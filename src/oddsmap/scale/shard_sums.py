@@ -5,41 +5,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 from oddsmap.errors import MapTooLargeError
+from oddsmap.evidence.stored_tiles import LENGTHS, VOTES, Form
 from oddsmap.evidence.tiles import HEAVIEST, NOTHING, Census
 from oddsmap.kernels.units import ONE
 from oddsmap.map_files.shard_bytes import pack_shard, shard_index, unpack_chunk
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD
-from oddsmap.scale.shard_records import LENGTHS, VOTES, Index, PackedArray, PackedShard
+from oddsmap.scale.shard_records import Index, PackedArray, PackedShard
 
-__all__ = ["Stored", "add_shards", "as_stored"]
+__all__ = ["add_shards", "in_form"]
 
 Cells = npt.NDArray[Any]
 
 
-class Stored(NamedTuple):
-    """How an array of a map is stored."""
-
-    dtype: str
-    unit: int
-    """Units of 1/65536 in one count: 65536 only where all weights are whole votes."""
-
-
 def add_shards(
-    parts: Iterable[Sequence[PackedShard]], d: int, stored: Mapping[str, Stored] | None = None
+    parts: Iterable[Sequence[PackedShard]], d: int, forms: Mapping[str, Form] | None = None
 ) -> list[PackedShard]:
     """Add up parts of maps.
 
     Args:
         parts: shards of each part.
         d: 2 or 3.
-        stored: how each array of the sums is to be packed; None: each as its numbers need it.
+        forms: of the arrays of the sums; None: each as narrow as its numbers are.
 
     Raises:
         MapTooLargeError: a cell would pass 2^46 votes.
@@ -49,11 +42,11 @@ def add_shards(
     for part in parts:
         for shard in part:
             by_place.setdefault(shard.place, []).append(shard)
-    return [_added(place, by_place[place], d, stored) for place in sorted(by_place)]
+    return [_added(place, by_place[place], d, forms) for place in sorted(by_place)]
 
 
 def _added(
-    place: Index, shards: list[PackedShard], d: int, stored: Mapping[str, Stored] | None
+    place: Index, shards: list[PackedShard], d: int, forms: Mapping[str, Form] | None
 ) -> PackedShard:
     arrays: dict[str, PackedArray] = {}
     censuses = []
@@ -63,12 +56,12 @@ def _added(
         with_own = zip(shards, own, strict=True)
         there = [(shard.arrays, census) for shard, census in with_own if census.cells]
         if len(there) > 1:
-            summed, census = _add(there, names, d, stored)
+            summed, census = _add(there, names, d, forms)
         else:  # most are seen by one chunk alone
             alone, census = there[0] if there else ({}, NOTHING)
             summed = {name: alone[name] for name in names if name in alone}
-            if stored is not None:
-                summed = {name: as_stored(a, stored[name], d) for name, a in summed.items()}
+            if forms is not None:
+                summed = {name: in_form(a, forms[name], d) for name, a in summed.items()}
         arrays |= summed
         censuses.append(census)
     return PackedShard(place, arrays, *censuses)
@@ -76,9 +69,9 @@ def _added(
 
 def _add(
     parts: list[tuple[dict[str, PackedArray], Census]],
-    names: tuple[str, ...],
+    names: Iterable[str],
     d: int,
-    stored: Mapping[str, Stored] | None,
+    forms: Mapping[str, Form] | None,
 ) -> tuple[dict[str, PackedArray], Census]:
     """Add up some arrays of one shard, which are counted together."""
     given = {name: [arrays[name] for arrays, _ in parts if name in arrays] for name in names}
@@ -94,21 +87,21 @@ def _add(
     most = sum(census.largest for _, census in parts) // unit
     sums = [_sum(given[name], frames[name], numbers, unit, most, d) for name in names]
     census = _census(sums, unit, [census for _, census in parts])
-    own = Stored(np.min_scalar_type(census.largest // unit).name, unit)
+    own = Form.narrowest(census)
     packed = {}
     for name, cells in zip(names, sums, strict=True):
-        how = own if stored is None else stored[name]
-        content = pack_shard(numbers, _counted(cells, unit, how), count, 0)
+        form = own if forms is None else forms[name]
+        content = pack_shard(numbers, _counted(cells, unit, form), count, 0)
         if content is not None:
-            packed[name] = PackedArray(*how, content)
+            packed[name] = PackedArray(form.dtype.name, form.unit, content)
     return packed, census
 
 
-def _counted(cells: Cells, unit: int, stored: Stored) -> Cells:
+def _counted(cells: Cells, unit: int, form: Form) -> Cells:
     """Counts of another unit and type, which hold them."""
-    if unit != stored.unit:
-        cells = cells.astype(np.uint64) * np.uint64(unit) // np.uint64(stored.unit)
-    return cells.astype(stored.dtype, copy=False)
+    if unit != form.unit:
+        cells = cells.astype(np.uint64) * np.uint64(unit) // np.uint64(form.unit)
+    return cells.astype(form.dtype, copy=False)
 
 
 def _sum(
@@ -154,15 +147,15 @@ def _census(sums: list[Cells], unit: int, parts: list[Census]) -> Census:
     )
 
 
-def as_stored(array: PackedArray, stored: Stored, d: int) -> PackedArray:
-    """The same array with the type and the unit of the whole map.
+def in_form(array: PackedArray, form: Form, d: int) -> PackedArray:
+    """The same array in the form that it has in the whole map.
 
     Args:
         array: of one shard.
-        stored: which hold each of its numbers.
+        form: which holds each of its numbers.
         d: 2 or 3.
     """
-    if (array.dtype, array.unit) == stored:
+    if (array.dtype, array.unit) == (form.dtype.name, form.unit):
         return array
     count = (SHARD[d] // CHUNK[d]) ** d
     frames = shard_index(array.content, count, "a part of a map")
@@ -170,6 +163,6 @@ def as_stored(array: PackedArray, stored: Stored, d: int) -> PackedArray:
     for row, frame in zip(cells, frames.values(), strict=True):
         unpack_chunk(frame, row, "a part of a map")
     numbers = np.array(list(frames), np.int64)
-    content = pack_shard(numbers, _counted(cells, array.unit, stored), count, 0)
+    content = pack_shard(numbers, _counted(cells, array.unit, form), count, 0)
     assert content is not None, "no array without a weight is kept"  # noqa: S101
-    return PackedArray(*stored, content)
+    return PackedArray(form.dtype.name, form.unit, content)

@@ -7,17 +7,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.store import attributes_of, extent_of, stored_arrays
+from oddsmap.evidence.store import attributes_of, extent_of
+from oddsmap.evidence.stored_tiles import Form, stored_tiles
 from oddsmap.evidence.tiles import NOTHING, Census
-from oddsmap.kernels.units import ONE
 from oddsmap.map_files.zarr_folder import SHARD
 from oddsmap.scale.chunk_task import PartRef
 from oddsmap.scale.cluster import Cluster
 from oddsmap.scale.cluster_output import ClusterOutput
 from oddsmap.scale.group_tasks import FAN_IN, Given, add_group, weights_of, write_group
-from oddsmap.scale.shard_records import LENGTHS, VOTES, Index
-from oddsmap.scale.shard_sums import Stored
-from oddsmap.scale.stored_types import stored_as, undecided
+from oddsmap.scale.shard_records import Index
+from oddsmap.scale.stored_forms import form_of, undecided
 
 __all__ = ["write_on_cluster"]
 
@@ -46,22 +45,19 @@ def write_on_cluster(
     d = empty.ndim
     # What is still to be added up, and by which tasks: many parts go through others.
     given = {group: _sums_of(cluster, output, group, parts, d) for group, parts in groups.items()}
-    stored = _stored(cluster, output, groups, given, empty)
+    forms = _forms(cluster, output, groups, given, empty)
     lo, hi, first, shape = extent_of([cells], d)
     with output.new_map(shape) as folder:
-        for texts in stored_arrays(empty):
-            for name, text in texts.items():
-                dtype, unit = stored[name]
-                about = {"description": text, "weight_unit": unit / ONE}
-                folder.create(name, dtype, 0, about)
+        for stored in stored_tiles(empty):
+            stored.create(folder, forms[stored.names[0]])
         tasks = [
             cluster.submit(
                 f"write-{output.parts}-{_words(group)}", write_group, output.place, *of_group,
-                stored, (first // SHARD[d]).tolist(), output.folder, output.parts,
+                forms, (first // SHARD[d]).tolist(), output.folder, output.parts,
             )
             for group, of_group in given.items()
         ]  # fmt: skip
-        written: dict[str, list[list[int]]] = {name: [] for name in stored}
+        written: dict[str, list[list[int]]] = {name: [] for name in forms}
         votes = NOTHING
         for _, group in cluster.results(tasks):
             votes = votes.joined(group.votes)
@@ -74,14 +70,14 @@ def write_on_cluster(
     return votes
 
 
-def _stored(
+def _forms(
     cluster: Cluster,
     output: ClusterOutput,
     groups: Mapping[Index, Sequence[PartRef]],
     given: dict[Index, tuple[Given, list[Any]]],
     empty: Evidence,
-) -> dict[str, Stored]:
-    """How each array of the map is stored; groups that have to be added up for it then are."""
+) -> dict[str, Form]:
+    """The form of each array of the map; groups that have to be added up for it then are."""
     d = empty.ndim
     votes = {group: [part.votes for part in parts] for group, parts in groups.items()}
     lengths = {group: [part.lengths for part in parts] for group, parts in groups.items()}
@@ -96,11 +92,10 @@ def _stored(
     ]
     for number, (of_votes, of_lengths) in cluster.results(tasks):
         votes[first[number]], lengths[first[number]] = [of_votes], [of_lengths]
-    kinds = [(VOTES, votes), (LENGTHS, lengths)][: len(stored_arrays(empty))]
     return {
-        name: stored_as(each for of_group in weights.values() for each in of_group)
-        for names, weights in kinds
-        for name in names
+        name: form_of(each for of_group in weights.values() for each in of_group)
+        for stored, weights in zip(stored_tiles(empty), (votes, lengths), strict=False)
+        for name in stored.names
     }
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The types of a map's arrays, from what its parts say of themselves.
+"""The forms of a map's arrays, from what its parts say of themselves.
 
 Arrays have the narrowest type that holds their largest weight, and count votes where all weights
 are whole ones. The largest weight of parts is a lower bound of that, and the sum of each group's
@@ -13,12 +13,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from oddsmap.kernels.units import ONE
+from oddsmap.evidence.stored_tiles import Form
+from oddsmap.evidence.tiles import NOTHING
 from oddsmap.scale.chunk_task import Weights
 from oddsmap.scale.shard_records import Index
-from oddsmap.scale.shard_sums import Stored
 
-__all__ = ["stored_as", "undecided"]
+__all__ = ["form_of", "undecided"]
 
 
 def undecided(groups: Mapping[Index, Sequence[Weights]]) -> set[Index]:
@@ -33,15 +33,14 @@ def undecided(groups: Mapping[Index, Sequence[Weights]]) -> set[Index]:
     }
     if fraction and fraction <= shared:  # parts of votes may add up to whole ones
         return shared
-    known = stored_as(part for parts in groups.values() for part in parts)
+    known = form_of(part for parts in groups.values() for part in parts)
     most = int(np.iinfo(known.dtype).max) * known.unit
     return {group for group in shared if sum(part.largest for part in groups[group]) > most}
 
 
-def stored_as(weights: Iterable[Weights]) -> Stored:
-    """How an array of all of them is stored."""
+def form_of(weights: Iterable[Weights]) -> Form:
+    """The form of an array of all of them."""
     largest, whole_votes = 0, True
     for each in weights:
         largest, whole_votes = max(largest, each.largest), whole_votes and each.whole_votes
-    unit = ONE if whole_votes else 1
-    return Stored(np.min_scalar_type(largest // unit).name, unit)
+    return Form.narrowest(NOTHING._replace(largest=largest, whole_votes=whole_votes))
