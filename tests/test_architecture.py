@@ -7,6 +7,7 @@ import ast
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -127,6 +128,7 @@ KERNEL_FLOORS = (
 KERNEL_FLOOR_OF = {room: floor for floor, rooms in enumerate(KERNEL_FLOORS) for room in rooms}
 
 
+@cache
 def edges() -> dict[str, set[str]]:
     """Modules of the package that each module imports, at any time."""
     graph: dict[str, set[str]] = {}

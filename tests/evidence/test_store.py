@@ -343,12 +343,12 @@ def test_a_broken_off_write_leaves_the_old_map(
         assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
 
 
-@pytest.mark.parametrize("ndim", [2, 3])
+@pytest.mark.parametrize(("ndim", "cells"), [(2, 2000), (3, 300)])
 def test_the_number_of_threads_changes_no_bit(
-    ndim: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ndim: int, cells: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng = np.random.default_rng(ndim)
-    index = np.unique(rng.integers(-2000, 2000, (2000, ndim)) // [1, 1, 20][:ndim], axis=0)
+    index = np.unique(rng.integers(-2000, 2000, (cells, ndim)) // [1, 1, 20][:ndim], axis=0)
     evidence = EvidenceMap(0.5, ndim=ndim)
     evidence.add_cells(index, *(rng.integers(0, 300, (2, len(index))) * ONE))
     saved = []

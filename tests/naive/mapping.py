@@ -10,6 +10,7 @@ from fractions import Fraction
 Cell = tuple[int, int]
 Point = tuple[float, float]
 Beam = tuple[Point, Point, bool]
+Weight = Fraction | int
 
 
 def cell_of(point: Point) -> Cell:
@@ -64,28 +65,28 @@ def map_scan(
     votes: str,
     share: bool = False,
     passed: Callable[[Point, Point], Iterable[Cell]] = crossed,
-) -> dict[Cell, tuple[Fraction, Fraction]]:
+) -> dict[Cell, tuple[Weight, Weight]]:
     """One scan's votes: beams are (end of the free part, end of the occupied part, hit?)."""
-    hits: dict[Cell, Fraction] = defaultdict(Fraction)
-    passes: dict[Cell, Fraction] = defaultdict(Fraction)
-    one = Fraction(1)
+    hits: dict[Cell, Weight] = defaultdict(int)
+    passes: dict[Cell, Weight] = defaultdict(int)
 
-    def put(votes_of: dict[Cell, Fraction], cell: Cell, weight: Fraction) -> None:
+    def put(votes_of: dict[Cell, Weight], cell: Cell, weight: Weight) -> None:
         before = votes_of[cell]
         votes_of[cell] = before + weight if votes == "beam" else max(before, weight)
 
     for end, tip, hit in beams:
+        last = cell_of(end)
         for cell in passed(origin, end):
-            if cell != cell_of(end):
-                put(passes, cell, one)
+            if cell != last:
+                put(passes, cell, 1)
         if hit:
-            zone = {cell_of(end): one} if end == tip else crossed(end, tip)
+            zone = {last: Fraction(1)} if end == tip else crossed(end, tip)
             for cell, part in zone.items():
-                put(hits, cell, part if share else one)
+                put(hits, cell, part if share else 1)
     result = {}
     for cell in hits.keys() | passes.keys():
-        hit_weight, pass_weight = hits.get(cell, Fraction(0)), passes.get(cell, Fraction(0))
+        hit_weight, pass_weight = hits.get(cell, 0), passes.get(cell, 0)
         if votes == "scan" and hit_weight > 0:
-            pass_weight = Fraction(0)
+            pass_weight = 0
         result[cell] = (hit_weight, pass_weight)
     return result

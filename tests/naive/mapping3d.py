@@ -14,6 +14,7 @@ from itertools import pairwise, product
 Cell = tuple[int, ...]
 Point = tuple[float, ...]
 Beam = tuple[Point, Point, bool]
+Weight = Fraction | int
 
 
 def cell_of(point: Iterable[float | Fraction]) -> Cell:
@@ -25,20 +26,28 @@ def crossed(start: Point, end: Point) -> dict[Cell, Fraction]:
     """Every cell in which the segment has positive length, and its share of the segment.
 
     Between two neighbouring border crossings the segment is inside one cell: that of the middle.
+    Coordinates are whole multiples of 1 / `one` cell, and `whole` is a length of the segment in
+    whose unit all crossings lie at whole numbers, so Python's integers hold everything exactly.
     """
-    a = [Fraction(x) for x in start]
-    way = [Fraction(x) - x0 for x, x0 in zip(end, a, strict=True)]
+    ratios = [x.as_integer_ratio() for x in (*start, *end)]
+    one = math.lcm(*(bottom for _, bottom in ratios))
+    places = [top * (one // bottom) for top, bottom in ratios]
+    a, b = places[: len(start)], places[len(start) :]
+    way = [there - here for here, there in zip(a, b, strict=True)]
     if not any(way):
         return {}
-    at = {Fraction(0), Fraction(1)}
+    whole = math.prod(abs(d) for d in way if d)
+    at = {0, whole}
     for x0, d in zip(a, way, strict=True):
         if d != 0:
             low, high = min(x0, x0 + d), max(x0, x0 + d)
-            at.update((border - x0) / d for border in range(math.ceil(low), math.floor(high) + 1))
+            borders = range(-(-low // one), high // one + 1)
+            at.update((border * one - x0) * (whole // d) for border in borders)
     cells = {}
     for t0, t1 in pairwise(sorted(at)):
-        middle = (t0 + t1) / 2
-        cells[cell_of(x0 + middle * d for x0, d in zip(a, way, strict=True))] = t1 - t0
+        # (t0 + t1) / 2 / whole of the way from the start.
+        middle = (x0 * 2 * whole + (t0 + t1) * d for x0, d in zip(a, way, strict=True))
+        cells[tuple(x // (2 * whole * one) for x in middle)] = Fraction(t1 - t0, whole)
     return cells
 
 
@@ -102,28 +111,28 @@ def map_scan(
     votes: str,
     share: bool = False,
     passed: Callable[[Point, Point], Iterable[Cell]] = crossed,
-) -> dict[Cell, tuple[Fraction, Fraction]]:
+) -> dict[Cell, tuple[Weight, Weight]]:
     """One scan's votes: beams are (end of the free part, end of the occupied part, hit?)."""
-    hits: dict[Cell, Fraction] = defaultdict(Fraction)
-    passes: dict[Cell, Fraction] = defaultdict(Fraction)
-    one = Fraction(1)
+    hits: dict[Cell, Weight] = defaultdict(int)
+    passes: dict[Cell, Weight] = defaultdict(int)
 
-    def put(votes_of: dict[Cell, Fraction], cell: Cell, weight: Fraction) -> None:
+    def put(votes_of: dict[Cell, Weight], cell: Cell, weight: Weight) -> None:
         before = votes_of[cell]
         votes_of[cell] = before + weight if votes == "beam" else max(before, weight)
 
     for end, tip, hit in beams:
+        last = cell_of(end)
         for cell in passed(origin, end):
-            if cell != cell_of(end):
-                put(passes, cell, one)
+            if cell != last:
+                put(passes, cell, 1)
         if hit:
-            zone = {cell_of(end): one} if end == tip else crossed(end, tip)
+            zone = {last: Fraction(1)} if end == tip else crossed(end, tip)
             for cell, part in zone.items():
-                put(hits, cell, part if share else one)
+                put(hits, cell, part if share else 1)
     result = {}
     for cell in hits.keys() | passes.keys():
-        hit_weight, pass_weight = hits.get(cell, Fraction(0)), passes.get(cell, Fraction(0))
+        hit_weight, pass_weight = hits.get(cell, 0), passes.get(cell, 0)
         if votes == "scan" and hit_weight > 0:
-            pass_weight = Fraction(0)
+            pass_weight = 0
         result[cell] = (hit_weight, pass_weight)
     return result

@@ -36,7 +36,7 @@ def slope(seed: int, shift: tuple[int, int, int] = (0, 0, 0)) -> oddsmap.Evidenc
     """A tilted floor with boxes on it, and free space above, on both sides of the origin."""
     rng = np.random.default_rng(seed)
     grid = oddsmap.EvidenceMap(0.1, ndim=3)
-    x, y = np.meshgrid(np.arange(-37, 40), np.arange(-20, 31))
+    x, y = np.meshgrid(np.arange(-17, 20), np.arange(-12, 14))
     floor = np.floor(0.1 * x + rng.normal(0.0, 0.2, x.shape)).astype(np.int64)
     for height in range(12):
         cells = np.stack([x, y, floor + height], axis=-1)[rng.random(x.shape) < 0.8]

@@ -22,19 +22,13 @@ from oddsmap.simulate import Lidar2D, office_drive, office_plan
 from oddsmap.viewer.document import single_page
 from oddsmap.viewer.plane import plane_payload
 from oddsmap.viewer.server import PageServer
-from tests.viewer.browser_kit import Opened, chromium, file_url, opened
+from tests.viewer.browser_kit import Opened, file_url, opened
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 # The graphics card works in single precision.
 SINGLE = 1e-5
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -26,19 +26,13 @@ from oddsmap.viewer.questions import LogQuestions
 from oddsmap.viewer.server import PageServer
 from oddsmap.viewer.space import space_payload
 from oddsmap.witnesses.why import sensor_models
-from tests.viewer.browser_kit import Opened, chromium, file_url, opened
+from tests.viewer.browser_kit import Opened, file_url, opened
 from tests.viewer.journey_kit import log_of
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 CELL = 0.05
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ from __future__ import annotations
 import io
 import shlex
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,19 +22,13 @@ from oddsmap.viewer.given_sheets import given_payload
 from oddsmap.viewer.plane import plane_payload
 from oddsmap.viewer.space import space_payload
 from tests.saved_maps_kit import full_map
-from tests.viewer.browser_kit import Opened, chromium, file_url, opened
+from tests.viewer.browser_kit import Opened, file_url, opened
 from tests.viewer.test_given_payload import space_full_map
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 CLOSE = 1e-5
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

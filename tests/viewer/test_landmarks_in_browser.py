@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from oddsmap.viewer.document import single_page
 from oddsmap.viewer.given import given_of
 from oddsmap.viewer.given_sheets import given_payload
 from oddsmap.viewer.landmarks import landmark_facts, landmarks_payload
-from tests.viewer.browser_kit import Opened, chromium, file_url, opened
+from tests.viewer.browser_kit import Opened, file_url, opened
 from tests.viewer.payload_kit import parts_of
 
 if TYPE_CHECKING:
@@ -31,12 +30,6 @@ MARKS = (
     Landmark(2**62, np.array([-1.0, 3.0]), np.eye(2) * 1e-6, 1),
     Landmark(3, np.array([4.0, -2.0, 9.0]), np.eye(3) * 0.09, 5),
 )
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 def show(browser: Browser, folder: Path, payload: bytes, **options: Any) -> Any:

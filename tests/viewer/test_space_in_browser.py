@@ -19,17 +19,11 @@ from oddsmap import EvidenceMap
 from oddsmap.cli import main
 from oddsmap.kernels.units import ONE
 from oddsmap.odds import logit
-from tests.viewer.browser_kit import Opened, chromium, opened
+from tests.viewer.browser_kit import Opened, opened
 from tests.viewer.space_kit import RESOLUTION, page_of, room_map
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

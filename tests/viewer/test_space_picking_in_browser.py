@@ -16,7 +16,7 @@ from scipy.stats import beta
 from oddsmap import EvidenceMap
 from oddsmap.kernels.units import ONE
 from oddsmap.odds import logit, sigmoid
-from tests.viewer.browser_kit import Opened, chromium, opened
+from tests.viewer.browser_kit import Opened, opened
 from tests.viewer.space_kit import RESOLUTION, first_on_ray, page_of, ray_of, room_map
 
 if TYPE_CHECKING:
@@ -29,12 +29,6 @@ VIRIDIS = np.array(
     [(68, 1, 84), (71, 45, 123), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128),
      (94, 201, 98), (173, 220, 48), (253, 231, 37)]
 )  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

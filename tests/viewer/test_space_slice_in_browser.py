@@ -17,7 +17,7 @@ from oddsmap import EvidenceMap
 from oddsmap.kernels.units import ONE
 from oddsmap.odds import sigmoid
 from oddsmap.viewer import air
-from tests.viewer.browser_kit import Opened, chromium, opened
+from tests.viewer.browser_kit import Opened, opened
 from tests.viewer.space_kit import RESOLUTION, page_of, ray_of, room_map
 
 if TYPE_CHECKING:
@@ -28,12 +28,6 @@ STATES = {
     "unknown": (199, 213, 227),
 }  # fmt: skip
 FREE_POINT = (0, 114, 178)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

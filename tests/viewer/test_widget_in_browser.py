@@ -16,7 +16,6 @@ from oddsmap.simulate import Lidar2D, office_drive, office_plan
 from oddsmap.viewer.document import page_part
 from oddsmap.viewer.plane import plane_payload
 from oddsmap.viewer.space import space_payload
-from tests.viewer.browser_kit import chromium
 from tests.viewer.test_in_browser import SINGLE, some
 
 if TYPE_CHECKING:
@@ -71,12 +70,6 @@ def state_of(grid: EvidenceMap, **others: Any) -> dict[str, Any]:
 def office() -> EvidenceMap:
     plan, lidar, rng = office_plan(), Lidar2D(), np.random.default_rng(0)
     return build_map([lidar.scan(plan, pose, rng) for pose in office_drive(20)], 0.1, votes="beam")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture
