@@ -35,7 +35,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 from benchmarks.slow_store import register
 from benchmarks.street_log import street_log
 from oddsmap import BeamSensor, EvidenceMap, build_map, open_log, scale
-from oddsmap.scale.cluster import cluster_of
+from oddsmap.scale.reaching import cluster_of
 from oddsmap.scans.lazy_log import LazyLog
 from tests.scale.conftest import files_of
 

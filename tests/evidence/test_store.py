@@ -197,6 +197,8 @@ def test_one_shard_can_be_rewritten_alone(tmp_path: Path) -> None:
     array_of(path, "hits", "r+")[0:1024, 1024:2048] = 7
     after = files(path)
     assert [name for name in after if after[name] != before.get(name)] == ["hits/c/0/1"]
+    assert "hits/c/0/1 is not what was saved" in one_line(path)
+    edit(path / "zarr.json")  # on purpose
     got = votes_of(load_map(path))
     assert got[1500, 10] == (7 * ONE, 3 * ONE)
     assert got[1024, 0] == (7 * ONE, 0)
@@ -492,6 +494,7 @@ def test_weights_beyond_the_limit(saved: Path) -> None:
     path = saved.with_name("b.zarr")
     a_map({(0, 0): (1 << 60, 1)}).save(path)
     array_of(path, "hits", "r+")[0, 0] = (1 << 64) - 1
+    edit(path / "zarr.json")
     assert "2^46 votes" in one_line(path)
     array_of(path, "hits", "r+")[0, 0] = MAX_UNITS
     edit(path / "passes" / "zarr.json", weight_unit=1.0)

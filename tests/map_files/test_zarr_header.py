@@ -209,6 +209,8 @@ def test_values_of_full_maps(full: Path, name: str, value: float, said: str) -> 
     array = zarr.open_group(full, mode="r+")[name]
     assert isinstance(array, zarr.Array)
     array[3, 4] = value
+    assert f"{name}/c/0/0 is not what was saved" in complaint(full)
+    change(full, "zarr.json", unsealed)
     assert said in complaint(full)
 
 

@@ -18,7 +18,7 @@ import pytest
 
 from oddsmap import InputError, build_map, open_log, scale
 from oddsmap.scale import cluster as clusters
-from oddsmap.scale import worker_versions
+from oddsmap.scale import reaching, worker_versions
 from oddsmap.scale.worker_versions import Versions, check_versions
 from tests.cli.conftest import Run
 from tests.cli.conftest import run as run  # a fixture
@@ -31,7 +31,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 @pytest.fixture(scope="module")
 def processes() -> Iterator[Any]:
     """A client of two workers, each a process of this machine."""
-    with clusters.cluster_of("local", 2) as cluster:
+    with reaching.cluster_of("local", 2) as cluster:
         yield cluster.client
 
 
@@ -82,13 +82,13 @@ def test_no_scheduler(run: Run, clouds: Path, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    clusters._CONNECT_S, before = 1.0, clusters._CONNECT_S
+    reaching._CONNECT_S, before = 1.0, reaching._CONNECT_S
     try:
         line = run(
             "build", clouds, "--resolution", 0.25, "--dask", address, "-o", tmp_path / "m.zarr"
         ).line
     finally:
-        clusters._CONNECT_S = before
+        reaching._CONNECT_S = before
     assert line.startswith(f"{address}: no Dask scheduler answers")
     assert list(tmp_path.iterdir()) == []
 

@@ -48,7 +48,7 @@ def workers_of(plan: BuildPlan) -> Iterator[Cluster | None]:
     if plan.dask is None:
         yield None
         return
-    from oddsmap.scale.cluster import cluster_of
+    from oddsmap.scale.reaching import cluster_of
 
     many = f"{plan.threads} process{'' if plan.threads == 1 else 'es'}"
     what = f"starting {many}" if plan.dask == "local" else f"reaching {plan.dask}"

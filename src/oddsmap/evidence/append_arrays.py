@@ -65,7 +65,8 @@ class UntouchedShards(NamedTuple):
         """
         file = self.path.joinpath(self.name, "c", *map(str, place))
         try:
-            return folder.take_over(self.name, self.moved(place), file)
+            checksum = self.header.checksums.get(self.name, {}).get(place)
+            return folder.take_over(self.name, self.moved(place), file, checksum)
         except FileNotFoundError:
             raise InputError(f"{file}: is missing, and belongs to the map") from None
 

@@ -89,6 +89,7 @@ def header_of(files: Mapping[str, bytes], name: str) -> Header:
         (EXTENT,) * d,
         {array: array_header(array, zarr, d) for array, zarr in arrays.items()},
         {array: [] for array in arrays},
+        {},
     )
 
 

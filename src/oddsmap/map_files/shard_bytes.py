@@ -10,6 +10,7 @@ needs, and has threads that go on, and speak on stderr, after the first damaged 
 from __future__ import annotations
 
 import sys
+import zlib
 from functools import cache
 from typing import Any
 
@@ -22,6 +23,7 @@ __all__ = [
     "pack_axis",
     "pack_bytes",
     "pack_shard",
+    "shard_checksum",
     "shard_index",
     "unpack_bytes",
     "unpack_chunk",
@@ -136,6 +138,22 @@ def shard_index(content: bytes, count: int, name: str) -> dict[int, bytes]:
             raise ValueError(f"a chunk of {name} lies outside the file")
         frames[number] = content[start : start + length]
     return frames
+
+
+def shard_checksum(content: bytes, count: int) -> int:
+    """What tells a shard from all others: the CRC-32 of the checksums in it.
+
+    These are the last four bytes of each frame, which zstd makes of the chunk, in the order of the
+    chunks, and the index's. So a damaged chunk is a matter of that chunk alone.
+
+    Args:
+        content: of the file, as `pack_shard` makes it, or one that `shard_index` takes.
+        count: chunks in a shard.
+    """
+    index = np.frombuffer(content[-16 * count - 4 : -4], "<u8").reshape(-1, 2)
+    starts, lengths = index[index[:, 0] != _EMPTY].astype(np.int64).T
+    ends = (starts + lengths)[:, None] + np.arange(-4, 0)
+    return zlib.crc32(np.frombuffer(content, np.uint8)[ends].tobytes() + content[-4:])
 
 
 def unpack_chunk(frame: bytes, cells: npt.NDArray[Any], name: str) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from oddsmap.atomic_write import atomic_output, check_output
 from oddsmap.errors import OutputError
-from oddsmap.map_files.shard_bytes import pack_axis, pack_shard
+from oddsmap.map_files.shard_bytes import pack_axis, pack_shard, shard_checksum
 from oddsmap.map_files.zarr_metadata import AXES, array_json, axis_json, group_json
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ SHARD = {2: 1024, 3: 128}
 # Coordinates of more cells are not written, or two far cells would make a map of gigabytes.
 _LONGEST_AXIS = 1 << 22
 
-# What `digest` covers. Other attributes are other people's.
+# What `digest` covers; `checksums` came later. Other attributes are other people's.
 _OF_GROUP = (
     "format", "format_version", "resolution", "origin", "origin_cell", "known_cells_lo",
     "known_cells_hi", "votes", "sweeps", "residual", "converged", "config", "provenance", "shards",
@@ -70,8 +70,8 @@ _OF_GROUP = (
 )  # fmt: skip
 _OF_ARRAY = ("description", "weight_unit", "save")
 _OF_ZARR = ("shape", "data_type", "chunk_grid", "chunk_key_encoding", "fill_value", "codecs")
-# A million shards are listed in 50 MB; more is no map's.
-_MAX_JSON = 1 << 26
+# A million shards are listed in 70 MB; more is no map's.
+_MAX_JSON = 5 << 24
 # What systems put into folders by themselves.
 _STRAY = {".DS_Store", "Thumbs.db", "desktop.ini"}
 
@@ -88,6 +88,7 @@ class NewFolder:
         self.path, self.shape = path, shape
         self.save = secrets.token_hex(16)
         self._fills: dict[str, float] = {}
+        self._checksums: dict[tuple[str, tuple[int, ...]], int] = {}
         self._made: set[Path] = set()
         path.mkdir()
 
@@ -125,14 +126,18 @@ class NewFolder:
             file = self.path.joinpath(name, "c", *map(str, place))
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
+            self._checksums[name, tuple(place)] = shard_checksum(content, count)
 
-    def take_over(self, name: str, place: tuple[int, ...], file: Path) -> bool:
+    def take_over(
+        self, name: str, place: tuple[int, ...], file: Path, checksum: int | None
+    ) -> bool:
         """Take a shard as it is in another map's folder, which is not to be written to in place.
 
         Args:
             name: of the array.
             place: of the shard here.
             file: there.
+            checksum: its `shard_checksum`; None: nobody knows.
 
         Returns:
             Whether the two are one file now: a hard link. Where the file system has none (FAT,
@@ -142,6 +147,8 @@ class NewFolder:
         if own.parent not in self._made:
             own.parent.mkdir(parents=True, exist_ok=True)
             self._made.add(own.parent)
+        if checksum is not None:
+            self._checksums[name, tuple(place)] = checksum
         try:
             os.link(file, own)
         except OSError:
@@ -160,20 +167,35 @@ class NewFolder:
                 (self.path / name / "c" / "0").write_bytes(pack_axis(centres))
 
     def seal(
-        self, attributes: Mapping[str, Any], written: Mapping[str, list[list[int]]] | None = None
+        self,
+        attributes: Mapping[str, Any],
+        written: Mapping[str, Mapping[tuple[int, ...], int]] | None = None,
     ) -> None:
         """Write the group, once all shards are written, and the coordinates.
 
         Args:
             attributes: of the group.
-            written: places of the shards of each array, z before y before x, in order; None: those
-                that are in the folder.
+            written: places of the shards of each array, z before y before x, and the
+                `shard_checksum` of each; None: those that are in the folder.
         """
         d = len(self.shape)
         self._write_axes(attributes["origin_cell"], attributes["resolution"])
-        shards = written or {name: shard_files(self.path, name, d) for name in self._fills}
+        shards: Mapping[str, list[Any]]
+        if written is None:
+            shards = {name: shard_files(self.path, name, d) for name in self._fills}
+            known = self._checksums
+        else:
+            shards = {name: sorted(files) for name, files in written.items()}
+            known = {(name, at): n for name, files in written.items() for at, n in files.items()}
+        checksums = {
+            name: _listed([known.get((name, tuple(place))) for place in places])
+            for name, places in shards.items()
+        }
         # As a reader will have them: a tuple is a list there.
         own = json.loads(json.dumps({**attributes, "shards": shards, "save": self.save}))
+        own.pop("checksums", None)
+        if None not in checksums.values():  # of maps of before there were any some are not known
+            own["checksums"] = checksums
         arrays = {name: read_json(self.path / name / "zarr.json") for name in self._fills}
         text = group_json({**own, "digest": digest_of(own, arrays)})
         if len(text) > _MAX_JSON:  # nobody would read it
@@ -183,6 +205,13 @@ class NewFolder:
                 "one map of each region, or use a coarser resolution"
             )
         (self.path / "zarr.json").write_text(text, encoding="ascii")
+
+
+def _listed(checksums: list[int | None]) -> str | None:
+    """Checksums one after the other, eight digits each; None where one is not known."""
+    if None in checksums:
+        return None
+    return "".join(f"{each:08x}" for each in checksums)
 
 
 @contextmanager

@@ -59,6 +59,7 @@ class Header:
         shape: of all arrays, (ny, nx) or (nz, ny, nx).
         arrays: by their names.
         shards: the files that were written of each array, in shards, z before y before x.
+        checksums: the `shard_checksum` of each of these; empty where none are to be looked at.
     """
 
     attributes: Mapping[str, Any]
@@ -66,6 +67,7 @@ class Header:
     shape: tuple[int, ...]
     arrays: Mapping[str, ArrayHeader]
     shards: Mapping[str, list[tuple[int, ...]]]
+    checksums: Mapping[str, Mapping[tuple[int, ...], int]]
 
 
 def read_header(path: Path, kind: str) -> Header:
@@ -109,12 +111,14 @@ def read_header(path: Path, kind: str) -> Header:
     if not (isinstance(provenance, list) and all(isinstance(each, dict) for each in provenance)):
         raise ValueError(f"attribute provenance is no list of tables: {provenance!r:.60}")
     grid = tuple(n // SHARD[d] for n in shape)
+    shards = {name: _places(attributes["shards"][name], name, grid) for name in names}
     return Header(
         attributes=attributes,
         origin_cell=np.array(origin, np.int64),
         shape=shape,
         arrays={name: array_header(name, metadata, d) for name, metadata in zarrs.items()},
-        shards={name: _places(attributes["shards"][name], name, grid) for name in names},
+        shards=shards,
+        checksums=_checksums_by_place(attributes, shards),
     )
 
 
@@ -257,3 +261,16 @@ def _places(listed: object, name: str, grid: tuple[int, ...]) -> list[tuple[int,
         if not fine:
             raise ValueError(f"attribute shards lists {place!r:.60} of {name}, outside the map")
     return [tuple(place) for place in listed]
+
+
+def _checksums_by_place(
+    attributes: Mapping[str, Any], shards: Mapping[str, list[tuple[int, ...]]]
+) -> dict[str, dict[tuple[int, ...], int]]:
+    if attributes.get("digest") is None or "checksums" not in attributes:  # edited, or from before
+        return {}
+    found = {}
+    for name, places in shards.items():
+        digits = attributes["checksums"][name]
+        each = [int(digits[at : at + 8], 16) for at in range(0, len(digits), 8)]
+        found[name] = dict(zip(places, each, strict=True))
+    return found

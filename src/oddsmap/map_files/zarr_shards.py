@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
-from oddsmap.map_files.shard_bytes import shard_index, unpack_chunk
+from oddsmap.map_files.shard_bytes import shard_checksum, shard_index, unpack_chunk
 from oddsmap.map_files.zarr_folder import CHUNK, SHARD, shard_files
 from oddsmap.map_files.zarr_header import Header
 
@@ -136,7 +136,15 @@ class SavedShards:
         if file.stat().st_size > 2 * SHARD[d] ** d * dtype.itemsize:
             raise ValueError(f"{self._file(name, place)} is larger than its cells")
         count = (SHARD[d] // CHUNK[d]) ** d
-        return shard_index(file.read_bytes(), count, self._file(name, place))
+        content = file.read_bytes()
+        frames = shard_index(content, count, self._file(name, place))
+        checksum = self.header.checksums.get(name, {}).get(place)
+        if checksum is not None and shard_checksum(content, count) != checksum:
+            raise ValueError(
+                f"{self._file(name, place)} is not what was saved, but another map's or another "
+                "save's (attribute checksums; set digest to null if you have edited the map)"
+            )
+        return frames
 
     def _checked(
         self, names: Sequence[str], places: Sequence[tuple[int, ...]]

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A Dask cluster: reached or started, asked, and every way in which it fails said in one line."""
+"""A Dask cluster that is asked, and every way in which it fails, said in one line."""
 
 from __future__ import annotations
 
-import logging
+import errno
 import queue
+import re
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from oddsmap.errors import InputError, OddsmapError
+from oddsmap.errors import InputError, OddsmapError, OutputError
 from oddsmap.scale import worker_versions
 from oddsmap.scale.answers import Refusal
 from oddsmap.scale.log_source import close_logs
@@ -21,26 +24,17 @@ from oddsmap.scale.worker_versions import check_versions, versions_here
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-__all__ = ["Cluster", "cluster_of"]
+__all__ = ["Cluster"]
 
 # How long workers are waited for, at the start and when all are gone [s].
 PATIENCE_S = 30.0
-_CONNECT_S = 10.0
 _LOOK_EVERY_S = 2.0
 # Tries of a task whose store or machine fails; a worker that dies counts apart.
 _RETRIES = 2
-# Of clusters that end with the command, which nobody watches: what goes wrong is said by us, a
-# worker that is killed is no news, and Dask looks at itself less often. By default an idle cluster
-# of two takes 12 % of a core, most of it to see every millisecond how long Python's lock is held;
-# so it takes 2 %.
-_QUIET_CLUSTER = {
-    "logging.distributed": "critical",
-    "distributed.admin.system-monitor.gil.enabled": False,
-    "distributed.admin.system-monitor.interval": "2s",
-    "distributed.admin.tick.interval": "500ms",
-    "distributed.worker.memory.monitor-interval": "500ms",
-    "distributed.worker.profile.enabled": False,
-}
+# What Dask raises where the scheduler is out of reach.
+_GONE = (OSError, TimeoutError, RuntimeError, CancelledError)
+_WORDS = 300
+_SMALLER = "make chunks smaller (chunk_scans, --chunk-scans), or let fewer workers share a machine"
 _LOST = "the scheduler is gone; nothing of the map is changed: start it again, and the build"
 
 
@@ -59,6 +53,8 @@ class Cluster:
         self.client, self.name = client, name
         self.versions = versions_here()
         self._futures: list[Future[Any]] = []
+        self._about: dict[str, str] = {}
+        self._alone_since: float | None = None
         self._wait_for_workers()
         for worker, found in self.ask_all(worker_versions.versions_here).items():
             check_versions(found, self.versions, worker)
@@ -84,18 +80,18 @@ class Cluster:
         Raises:
             InputError: it fails on one of them.
         """
-        answers = self.client.run(function, *args, on_error="return")
+        try:
+            answers = self.client.run(function, *args, on_error="return")
+            there = self.client.nthreads()
+        except _GONE:
+            raise InputError(f"{self.name}: {_LOST}") from None
         for worker, answer in answers.items():
             if isinstance(answer, OddsmapError):
                 raise answer
-            if isinstance(answer, ImportError):
-                raise InputError(
-                    f"worker {worker} lacks {answer.name or answer}: install oddsmap there, of the "
-                    "same version"
-                )
-            if isinstance(answer, BaseException):
-                raise InputError(f"worker {worker}: {type(answer).__name__}: {answer}")
-        return dict(answers)
+            # One that has died meanwhile is no loss: others do its work.
+            if isinstance(answer, BaseException) and worker in there:
+                raise InputError(f"worker {worker} {_cannot(answer)}")
+        return {worker: answers[worker] for worker in answers if worker in there}
 
     def check_place(self, place: Place, folder: str) -> None:
         """See that each worker there is sees what is written here; tasks look again.
@@ -106,12 +102,27 @@ class Cluster:
         mark(place, folder)
         self.ask_all(check_marked, place, folder)
 
-    def submit(self, what: str, function: Callable[..., Any], *args: object) -> Future[Any]:
-        """Begin a task under a key of its own."""
-        future = self.client.submit(
-            function, self.versions, *args, key=f"oddsmap-{what}", retries=_RETRIES, pure=False
-        )
+    def submit(
+        self, name: str, function: Callable[..., Any], *args: object, about: str = ""
+    ) -> Future[Any]:
+        """Begin a task.
+
+        Args:
+            name: its own, no other task's of this or of another run.
+            function: what is done; it gets the versions, and the arguments.
+            args: of the function.
+            about: what it is about, for messages; default: its name.
+        """
+        try:
+            future = self.client.submit(
+                function, self.versions, *args, key=f"oddsmap-{name}", retries=_RETRIES, pure=False
+            )
+        except Exception as error:
+            if self.client.status == "running":
+                raise
+            raise InputError(f"{self.name}: {_LOST}") from error
         self._futures.append(future)
+        self._about[str(future.key)] = about or name
         return future
 
     def results(self, futures: Sequence[Future[Any]]) -> Iterator[tuple[int, Any]]:
@@ -120,60 +131,75 @@ class Cluster:
         Raises:
             OddsmapError: a task was refused, or the cluster failed.
         """
-        done: queue.SimpleQueue[int] = queue.SimpleQueue()
+        done: queue.SimpleQueue[tuple[int, Any, BaseException | None]] = queue.SimpleQueue()
+
+        def fetch(future: Future[Any], number: int) -> None:
+            # In a thread of Dask's: where a worker dies with a result, it waits until another has
+            # made it again.
+            try:
+                done.put((number, future.result(), None))
+            except BaseException as error:
+                done.put((number, None, error))
+
         for number, future in enumerate(futures):
-            future.add_done_callback(lambda _, number=number: done.put(number))
-        alone_since: float | None = None
+            future.add_done_callback(partial(fetch, number=number))
         for _ in futures:
             while True:
                 try:
-                    number = done.get(timeout=_LOOK_EVERY_S)
+                    number, result, error = done.get(timeout=_LOOK_EVERY_S)
                     break
                 except queue.Empty:
-                    alone_since = self._look_after(alone_since)
-            yield number, self._result(futures[number])
+                    self._look_after()
+            self._alone_since = None
+            yield number, self._checked(futures[number], result, error)
 
-    def _look_after(self, alone_since: float | None) -> float | None:
-        """See that somebody works; since when nobody does."""
+    def _look_after(self) -> None:
+        """See that somebody works, or has not been away for long."""
         if self.client.status != "running":
             raise InputError(f"{self.name}: {_LOST}")
         try:
-            workers = self.client.nthreads()
-        except (OSError, TimeoutError):
+            found = self.client.scheduler_info()
+        except _GONE:
             raise InputError(f"{self.name}: {_LOST}") from None
-        if workers:
-            return None
-        if alone_since is None:
-            return time.monotonic()
-        if time.monotonic() - alone_since > PATIENCE_S:
+        workers = found["workers"].values()
+        # Some versions of Dask list the first few alone.
+        if found.get("n_workers", 0) > len(workers) or any(map(_can_work, workers)):
+            self._alone_since = None
+        elif self._alone_since is None:
+            self._alone_since = time.monotonic()
+        elif time.monotonic() - self._alone_since > PATIENCE_S:
+            if not workers:
+                raise InputError(
+                    f"{self.name}: all workers are gone for {PATIENCE_S:g} s; nothing of the map "
+                    "is changed: start some, and the build again"
+                )
             raise InputError(
-                f"{self.name}: all workers are gone for {PATIENCE_S:g} s; nothing of the map is "
-                "changed: start some, and the build again"
+                f"{self.name}: all workers have paused for {PATIENCE_S:g} s, for lack of memory; "
+                f"nothing of the map is changed: {_SMALLER}"
             )
-        return alone_since
 
-    def _result(self, future: Future[Any]) -> Any:
-        from concurrent.futures import CancelledError
-
+    def _checked(self, future: Future[Any], result: Any, error: BaseException | None) -> Any:
+        """A result, or what is to be said instead."""
         from distributed import KilledWorker
         from distributed.client import FutureCancelledError
 
-        what = str(future.key).removeprefix("oddsmap-")
-        try:
-            result = future.result()
-        except KilledWorker as error:
+        about = self._about[str(future.key)]
+        if isinstance(error, KilledWorker):
             raise InputError(
-                f"{what}: {error.allowed_failures + 1} workers in "
-                f"turn died of it, the last was {error.last_worker.address}: probably for lack of "
-                "memory; make chunks smaller (chunk_scans, --chunk-scans), or fewer workers share "
-                "a machine"
-            ) from None
-        except (CancelledError, FutureCancelledError):
-            raise InputError(f"{self.name}: {_LOST}") from None
-        except OddsmapError:
-            raise
-        except Exception as error:
-            raise InputError(f"{what}: a worker failed: {type(error).__name__}: {error}") from error
+                f"{about}: {error.allowed_failures + 1} workers in turn died of it, the last was "
+                f"{error.last_worker.address}: probably for lack of memory; {_SMALLER}"
+            )
+        lost = isinstance(error, CancelledError | FutureCancelledError)
+        if lost or (error is not None and self.client.status != "running"):
+            raise InputError(f"{self.name}: {_LOST}")
+        if isinstance(error, OddsmapError):
+            raise error
+        if isinstance(error, OSError):
+            raise OutputError(
+                f"{about}: a worker cannot read or write what it needs: {_of_system(error)}"
+            ) from error
+        if error is not None:
+            raise InputError(f"{about}: a worker {_cannot(error)}") from error
         if isinstance(result, Refusal):
             raise result.to_error()
         return result
@@ -191,78 +217,29 @@ class Cluster:
         self._futures.clear()
 
 
-@contextmanager
-def cluster_of(client: Client | str | None, workers: int) -> Iterator[Cluster]:
-    """Reach a cluster, or start one.
+def _can_work(worker: Mapping[str, Any]) -> bool:
+    """Whether a worker, as the scheduler knows it, works, or would; one that has paused does not.
 
-    Args:
-        client: of Dask; the address of a scheduler; "local" or None: processes of this machine,
-            which end with the block.
-        workers: how many of those.
-
-    Raises:
-        InputError: it cannot be reached, or its workers cannot do the work.
+    Dask lets a worker begin nothing from 80 % of its memory on, and that may never be less again.
     """
-    try:
-        import distributed  # noqa: F401 - whether it is there
-    except ImportError as error:
-        missing = (error.name or "distributed").split(".")[0]
-        raise InputError(
-            f'a cluster needs Dask, and {missing} is missing: pip install "oddsmap[dask]"'
-        ) from None
-    if client is None or isinstance(client, str):
-        name = client or "local"
-        made: Client | None = _local(workers) if name == "local" else _at(name)
-    else:
-        name, made = str(client.scheduler.address if client.scheduler else client), None
-    reached: Any = client if made is None else made
-    cluster = None
-    try:
-        cluster = Cluster(reached, name)
-        yield cluster
-    finally:
-        if cluster is not None:
-            cluster.close()
-        if made is not None:
-            with _quiet():
-                made.close(timeout=5)
-                if name == "local" and made.cluster is not None:
-                    made.cluster.close(timeout=5)
+    counts = worker.get("metrics", {}).get("task_counts", {})
+    return bool(worker.get("status") != "paused" or counts.get("executing"))
 
 
-def _local(workers: int) -> Client:
-    import dask
-    from distributed import Client, LocalCluster
-
-    with dask.config.set(_QUIET_CLUSTER):
-        cluster = LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0",
-            silence_logs=logging.CRITICAL,
-        )  # fmt: skip
-        return Client(cluster, set_as_default=False)
-
-
-def _at(address: str) -> Client:
-    from distributed import Client
-
-    with _quiet():
-        try:
-            return Client(address, timeout=_CONNECT_S, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
-            why = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(
-                f"{address}: no Dask scheduler answers ({why}): give the address that `dask "
-                "scheduler` prints, like tcp://10.0.0.1:8786, or local"
-            ) from None
+def _cannot(error: BaseException) -> str:
+    """What a worker cannot do, for lack of what."""
+    text = " ".join(str(error).split())
+    # Where a task cannot even be unpacked, Dask gives the error's text alone.
+    if missing := re.search(r"No module named '([^']+)'", text):
+        return f"lacks {missing[1]}: install oddsmap there, of the same version, with what it needs"
+    if isinstance(error, ImportError):
+        return f"cannot load oddsmap ({text}): install it there as it is here"
+    return f"failed: {type(error).__name__}: {text[:_WORDS]}"
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep Dask from saying on stderr what is said here."""
-    logger = logging.getLogger("distributed")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
+def _of_system(error: OSError) -> str:
+    what = error.strerror or " ".join(str(error).split())
+    where = f" ({error.filename})" if error.filename else ""
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    said = f"{what[:_WORDS]}{where}; nothing of the map is changed"
+    return f"{said}: free some disk there, and build again" if full else said

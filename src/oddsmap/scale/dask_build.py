@@ -13,7 +13,7 @@ from oddsmap.errors import ConfigError, InputError
 from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.tiles import Census
 from oddsmap.integrate.add import ndim_of
-from oddsmap.scale.cluster import Cluster, cluster_of
+from oddsmap.scale.cluster import Cluster
 from oddsmap.scale.cluster_output import check_output_place, cluster_output
 from oddsmap.scale.log_source import (
     LogHead,
@@ -23,6 +23,7 @@ from oddsmap.scale.log_source import (
     time_to_count_from,
 )
 from oddsmap.scale.on_cluster import LogInput, map_on_cluster
+from oddsmap.scale.reaching import cluster_of
 from oddsmap.scans.note import Note
 from oddsmap.scans.report import Report
 from oddsmap.sensors.registry import Sensor, sensor_of_log
@@ -202,7 +203,10 @@ def sources_of(
 
 def heads_of(cluster: Cluster, sources: list[LogSource]) -> list[LogHead]:
     """What logs say of themselves, asked for on the workers."""
-    tasks = [cluster.submit(f"look-{source.token}", look_at, source) for source in sources]
+    tasks = [
+        cluster.submit(f"look-{source.token}", look_at, source, about=source.path)
+        for source in sources
+    ]
     return [head for _, head in sorted(cluster.results(tasks), key=lambda each: each[0])]
 
 
@@ -222,7 +226,7 @@ def last_of(cluster: Cluster, sources: list[LogSource], *, stamps: bool) -> int:
     run = uuid.uuid4().hex[:12]
     if stamps:
         tasks = [
-            cluster.submit(f"last-{run}-{number}", time_to_count_from, source)
+            cluster.submit(f"last-{run}-{number}", time_to_count_from, source, about=source.path)
             for number, source in enumerate(sources)
         ]
     else:

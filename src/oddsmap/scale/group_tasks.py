@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 from oddsmap.evidence.stored_tiles import Form
 from oddsmap.evidence.tiles import Census
+from oddsmap.map_files.shard_bytes import shard_checksum
+from oddsmap.map_files.zarr_folder import CHUNK, SHARD
 from oddsmap.scale.answers import Refusal, answering
 from oddsmap.scale.chunk_task import PartRef, Weights
 from oddsmap.scale.map_places import Place
@@ -45,8 +47,8 @@ class Given:
 class WrittenGroup(NamedTuple):
     """A group that is in the map."""
 
-    files: list[tuple[str, Index]]
-    """Names of arrays, and places, z before y before x, in shards from the first one."""
+    files: list[tuple[str, Index, int]]
+    """Names of arrays, places, z before y before x, in shards from the first one, and checksums."""
     votes: Census
     lengths: Census
 
@@ -101,11 +103,12 @@ def write_group(
     if isinstance(found, Refusal):
         return found
     files, shards = [], add_shards(found, given.d, forms)
+    count = (SHARD[given.d] // CHUNK[given.d]) ** given.d
     for shard in shards:
         at = tuple(i - first for i, first in zip(shard.place, first_place, strict=True))[::-1]
         for name, array in shard.arrays.items():
             place.put(f"{folder}/{name}/c/{'/'.join(map(str, at))}", array.content)
-            files.append((name, at))
+            files.append((name, at, shard_checksum(array.content, count)))
     return WrittenGroup(files, *totals_of(shards))
 
 

@@ -155,7 +155,7 @@ def _map_chunks(
     futures = [
         cluster.submit(
             f"chunk-{output.parts}-{chunk.number}", map_chunk, chunk, empty, output.place,
-            output.parts,
+            output.parts, about=_scans_of(chunk),
         )
         for chunk in chunks
     ]  # fmt: skip
@@ -169,6 +169,15 @@ def _map_chunks(
         if progress is not None:
             progress(done)
     return mapped
+
+
+def _scans_of(chunk: Chunk) -> str:
+    """What a chunk is called in messages."""
+    if chunk.past is None:
+        return f"{chunk.source.path}: all scans"
+    last = chunk.past - 1
+    which = f"scan {last}" if chunk.first == last else f"scans {chunk.first} to {last}"
+    return f"{chunk.source.path}: {which}"
 
 
 def _close_logs(
@@ -186,7 +195,9 @@ def _close_logs(
         end = own[0].end
         if end is None:
             found = [chunk.found for chunk in own if chunk.found != Found()]
-            task = cluster.submit(f"end-{each.source.token}", put_together, each.source, found)
+            task = cluster.submit(
+                f"end-{each.source.token}", put_together, each.source, found, about=each.head.path
+            )
             ((_, end),) = cluster.results([task])
         each.head.skipped, each.head.notes, each.head.bad_lines = end
         report = Report()

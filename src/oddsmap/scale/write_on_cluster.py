@@ -57,16 +57,13 @@ def write_on_cluster(
             )
             for group, of_group in given.items()
         ]  # fmt: skip
-        written: dict[str, list[list[int]]] = {name: [] for name in forms}
+        written: dict[str, dict[Index, int]] = {name: {} for name in forms}
         votes = NOTHING
         for _, group in cluster.results(tasks):
             votes = votes.joined(group.votes)
-            for name, at in group.files:
-                written[name].append(list(at))
-        folder.seal(
-            attributes_of(empty, first, lo, hi),
-            written={name: sorted(places) for name, places in written.items()},
-        )
+            for name, at, checksum in group.files:
+                written[name][at] = checksum
+        folder.seal(attributes_of(empty, first, lo, hi), written)
     return votes
 
 
