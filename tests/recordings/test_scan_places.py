@@ -17,6 +17,8 @@ from oddsmap.recordings.recording import START
 from oddsmap.recordings.scan_places import ScanPlaces
 from oddsmap.scans.found import Found
 from oddsmap.scans.log import parts_of
+from tests.recordings.bags import CONTAINERS
+from tests.recordings.test_folders import parts
 from tests.recordings.troubled import FILES, SCANS, write_troubled
 
 
@@ -91,6 +93,16 @@ def test_a_message_that_cannot_be_decoded_has_no_number(kind: str, tmp_path: Pat
         facts_of(scan) for first in range(0, len(log), 5) for scan in log.between(first, first + 5)
     ]
     assert apart == whole
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_files_of_a_folder(container: str, tmp_path: Path) -> None:
+    log: Any = open_log(parts(container, tmp_path / "run"))
+    whole = [facts_of(scan) for scan in log]
+    assert [scan[0] for scan in whole] == list(range(20))
+    for first in range(20):
+        apart = [facts_of(scan) for scan in log.between(first, first + 3)]
+        assert apart == whole[first : first + 3]
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap in chunks"])
