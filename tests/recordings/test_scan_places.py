@@ -126,6 +126,20 @@ def test_chunks_of_the_file_before_are_not_read(
     assert 1 <= len(read) <= 2
 
 
+def test_a_channel_that_is_described_twice(tmp_path: Path) -> None:
+    """The summary, which is read first, counts; what stands in a chunk would change all later."""
+    path = next(write_troubled("mcap", tmp_path).glob("*.mcap"))
+    content = path.read_bytes()
+    in_chunks = content.count(b"std_msgs/Header header") // 2  # and as often in the summary
+    path.write_bytes(content.replace(b"std_msgs/Header h", b"std_msgs/Heaqer h", in_chunks))
+    log: Any = open_log(path, scans="/scan", frame="map", skip_bad=True)
+    assert "container.truncated" not in log.skipped
+    whole = [facts_of(scan) for scan in log]
+    assert len(whole) == 96
+    assert [facts_of(scan) for scan in log.between(0, len(log))] == whole
+    assert "container.truncated" not in log.skipped
+
+
 def test_damaged_sqlite_is_read_as_a_whole(tmp_path: Path) -> None:
     path = next(write_troubled("sqlite3", tmp_path).glob("*.db3"))
     path.write_bytes(path.read_bytes()[:-4096])
