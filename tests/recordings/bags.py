@@ -176,11 +176,21 @@ class Messages:
         rest = (stamp_ns, len(rows), 0, np.zeros(3, np.uint8), rows)
         return self.make(f"{package}/CustomMsg", self.header(stamp_ns, frame), *rest)
 
-    def write(self, path: Path, said: Iterable[Said]) -> Path:
-        """A recording of messages, in the order given."""
+    def write(
+        self, path: Path, said: Iterable[Said], *, chunk_bytes: int = 1 << 20, spoilt: int = -1
+    ) -> Path:
+        """A recording of messages, in the order given.
+
+        Args:
+            path: without its suffix.
+            said: the messages.
+            chunk_bytes: of a bag of ROS 1: when a new chunk begins.
+            spoilt: the number of a message that ends too early.
+        """
         if self.first:
             path = path.with_suffix(".bag")
             writer: Any = Writer1(path)
+            writer.chunk_threshold = chunk_bytes
             serialize = self.store.serialize_ros1
         else:
             plugin = StoragePlugin[self.container.upper()]
@@ -188,9 +198,10 @@ class Messages:
             serialize = self.store.serialize_cdr
         with writer:
             topics: dict[str, Any] = {}
-            for topic, log_ns, message in said:
+            for number, (topic, log_ns, message) in enumerate(said):
                 kind = message.__msgtype__
                 if topic not in topics:
                     topics[topic] = writer.add_connection(topic, kind, typestore=self.store)
-                writer.write(topics[topic], log_ns, serialize(message, kind))
+                data = serialize(message, kind)
+                writer.write(topics[topic], log_ns, data[:30] if number == spoilt else data)
         return path

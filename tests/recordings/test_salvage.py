@@ -134,7 +134,7 @@ def _started(compression: str, data: bytes) -> bytes:
 def salvaged(path: Path) -> list[Cut]:
     file = open_container(str(path), skip_bad=True)
     topics = {key: channel.topic for key, channel in file.channels.items()}
-    found = [(topics[key], log_ns, bytes(raw)) for key, log_ns, raw in file.raw(topics)]
+    found = [(topics[key], log_ns, bytes(raw)) for key, log_ns, raw, _ in file.raw(topics)]
     assert sum(file.counts.values()) == len(found)
     assert len(file.damage) == 1
     return found
@@ -289,7 +289,7 @@ def test_a_bag_without_an_index_is_gone_on_with_behind_damage(tmp_path: Path) ->
         open_log(path)
     file = open_container(str(path), skip_bad=True)
     topics = {key: channel.topic for key, channel in file.channels.items()}
-    found = [(topics[key], log_ns, bytes(raw)) for key, log_ns, raw in file.raw(topics)]
+    found = [(topics[key], log_ns, bytes(raw)) for key, log_ns, raw, _ in file.raw(topics)]
     assert found == [each for each in whole if each not in lost]
     assert len(file.damage) == 2
 

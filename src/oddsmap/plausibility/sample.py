@@ -79,12 +79,15 @@ class Sample:
     def watch(self, scans: Iterable[Measurement], first: int = 0) -> Iterator[Measurement]:
         """The same scans; the sample starts again, and fills as they are taken.
 
+        A scan that knows its number goes by that: the same are picked where a log is read in parts.
+
         Args:
             scans: those of a log, from one of them on.
             first: the number of the first of them.
         """
         self._kept.clear()
-        for number, scan in enumerate(scans, first):
+        for at, scan in enumerate(scans, first):
+            number = at if scan.number is None else scan.number
             if self.wants(number):
                 self.add(number, scan)
             yield scan

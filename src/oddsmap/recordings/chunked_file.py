@@ -18,7 +18,14 @@ from typing import BinaryIO
 
 from oddsmap.errors import InputError
 from oddsmap.recordings.chunk_content import chunk_content
-from oddsmap.recordings.container import Channel, ChunkError, RawMessage, megabytes
+from oddsmap.recordings.container import (
+    FIRST_PLACE,
+    Channel,
+    ChunkError,
+    PlacedMessage,
+    RawMessage,
+    megabytes,
+)
 from oddsmap.recordings.recording import Damage
 
 __all__ = ["Block", "ChunkedFile", "read_exactly"]
@@ -62,6 +69,7 @@ class ChunkedFile(ABC):
     """
 
     format: str
+    has_places = True
 
     def __init__(self, place: str, *, skip_bad: bool = False, name: str | None = None) -> None:
         self.path = path = name or place
@@ -88,15 +96,19 @@ class ChunkedFile(ABC):
         """What is missing: the end, and chunks that could not be read so far."""
         return [*self._lost.values(), *([self._missing] if self._missing else [])]
 
-    def raw(self, wanted: Collection[int]) -> Iterator[RawMessage]:
-        """The messages of some channels, in the order in which they were written."""
+    def raw(self, wanted: Collection[int], start: int = FIRST_PLACE) -> Iterator[PlacedMessage]:
+        """The messages of some channels; a place is the number of a block."""
         keys = set(wanted)
         with Path(self._place).open("rb") as file:
-            for block in self._blocks:
+            for place, block in enumerate(self._blocks):
+                if place < start:
+                    continue
                 if block.counts is not None and keys.isdisjoint(block.counts):
                     continue
                 try:
-                    found = [each for each in self._messages_of(file, block) if each[0] in keys]
+                    found = [
+                        (*each, place) for each in self._messages_of(file, block) if each[0] in keys
+                    ]
                 except ChunkError as error:
                     self._lose(block, error)
                     continue

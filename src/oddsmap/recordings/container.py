@@ -9,10 +9,15 @@ from typing import Protocol
 
 from oddsmap.recordings.recording import Damage
 
-__all__ = ["Channel", "ChunkError", "Container", "RawMessage", "megabytes"]
+__all__ = [
+    "FIRST_PLACE", "Channel", "ChunkError", "Container", "PlacedMessage", "RawMessage", "megabytes",
+]  # fmt: skip
 
 RawMessage = tuple[int, int, "bytes | memoryview"]
 """The number of a channel, when it was written [ns], and the message as it stands in the file."""
+PlacedMessage = tuple[int, int, "bytes | memoryview", int]
+"""The same, and its place in the file; places never fall, and several messages may share one."""
+FIRST_PLACE = -(1 << 63)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +69,16 @@ class Container(Protocol):
     def damage(self) -> Sequence[Damage]:
         """What is missing, as far as the file has been read."""
 
-    def raw(self, wanted: Collection[int]) -> Iterator[RawMessage]:
+    @property
+    def has_places(self) -> bool:
+        """Whether reading from a place gives what reading all of the file gives from there on."""
+
+    def raw(self, wanted: Collection[int], start: int = FIRST_PLACE) -> Iterator[PlacedMessage]:
         """The messages of some channels, in the order in which they were written.
+
+        Args:
+            wanted: numbers of channels.
+            start: the place to begin at; what comes before is not read.
 
         Raises:
             InputError: the file is damaged, and damage was not to be skipped.

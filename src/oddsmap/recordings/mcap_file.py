@@ -46,7 +46,7 @@ class McapFile(ChunkedFile):
         if summary and self._read_summary(file, summary):
             self._add_what_is_between(file, end, summary)
             return
-        self._blocks, self.counts = [], {}
+        self._blocks, self.counts, self.channels, self._schemas = [], {}, {}, {}
         place = self._find_blocks(file, end, self._size)
         if summary is None:
             self._end_is_missing(place, "the recording is cut or was never closed: it ends")
@@ -209,13 +209,14 @@ class McapFile(ChunkedFile):
 
     def _take_schema(self, fields: Fields) -> None:
         key = fields.number(2)
-        self._schemas[key] = (fields.text(), fields.text(), fields.data())
+        self._schemas.setdefault(key, (fields.text(), fields.text(), fields.data()))
 
     def _take_channel(self, fields: Fields) -> None:
         key, schema = fields.number(2), fields.number(2)
         topic, encoding = fields.text(), fields.text()
         name, how, content = self._schemas.get(schema, ("", "", b""))
-        self.channels[key] = Channel(topic, name, encoding, how, content)
+        # The first counts, or a second reading would be another than the first where they differ.
+        self.channels.setdefault(key, Channel(topic, name, encoding, how, content))
 
     def _records(self, content: bytes, *, cut: bool) -> Iterator[RawMessage]:
         for kind, body in _records_of(content, cut=cut):

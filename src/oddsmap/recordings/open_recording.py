@@ -10,9 +10,10 @@ from oddsmap.errors import InputError
 from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError, Trajectory
 from oddsmap.recordings.choice import choose_scans
+from oddsmap.recordings.level import lies_flat
 from oddsmap.recordings.pose_choice import PoseChoices, choose_poses
 from oddsmap.recordings.poses import SensorPoses, TransformPoses
-from oddsmap.recordings.recorded_log import RecordedLog, lies_flat
+from oddsmap.recordings.recorded_log import RecordedLog
 from oddsmap.recordings.recording import Recording
 from oddsmap.recordings.survey import Glance, Survey, cameras_of, doubts_of_clocks, said_of, survey
 from oddsmap.scans.beam_timing import choose_deskew
@@ -135,6 +136,7 @@ def log_of(recording: Recording, choices: Choices, found: Survey | None = None) 
         clock_offset_ns=choices.clock_offset_ns,
         skip_bad=choices.skip_bad,
         deskews=deskews,
+        places=found.places,
     )
 
 

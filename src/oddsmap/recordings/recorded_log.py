@@ -7,50 +7,31 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
-import numpy as np
-
-from oddsmap.array_types import FloatArray, IntArray
+from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
 from oddsmap.poses.at_times import PoseArray
-from oddsmap.poses.pose import Pose2, Pose3
+from oddsmap.poses.pose import Pose3
 from oddsmap.poses.trajectory import NoPoseError
 from oddsmap.recordings.beams import Beams
+from oddsmap.recordings.level import LEANS, in_the_plane, lean_of
 from oddsmap.recordings.poses import SensorPoses
-from oddsmap.recordings.recording import TRUNCATED, Recording, Topic
+from oddsmap.recordings.recording import START, TRUNCATED, Place, Recording, Topic
 from oddsmap.recordings.scan_messages import beams_of
+from oddsmap.recordings.scan_places import ScanPlaces
 from oddsmap.recordings.survey import form_of, sensor_id
 from oddsmap.scans.beam_timing import left_out_note
 from oddsmap.scans.depth_image import DepthScan, PinholeCamera
 from oddsmap.scans.deskew import deskew
+from oddsmap.scans.found import Found
 from oddsmap.scans.log import SensorInfo
 from oddsmap.scans.log_items import ReadOnDemand
 from oddsmap.scans.note import Note, bad_scans
 from oddsmap.scans.scan import Scan
 
-__all__ = ["RecordedLog", "lies_flat"]
-
-# A laser whose plane leans by more than this sees other walls than a map of the plane has.
-_LEANS = math.radians(3.0)
-
-
-def lies_flat(shape: str, map_from_sensor: Pose3) -> bool:
-    """Whether a scan lies in the plane of the map, upright or overhead.
-
-    Args:
-        shape: of the scan, see `Glance`.
-        map_from_sensor: where its sensor was.
-    """
-    return shape in ("fan", "cone") and _lean(shape, map_from_sensor) <= math.sin(_LEANS)
-
-
-def _lean(shape: str, map_from_sensor: Pose3) -> float:
-    """The sine of the angle by which a scan leans out of the plane of the map."""
-    turned = map_from_sensor.rotation
-    if shape == "cone":  # whatever way up it is
-        return abs(float(turned[2, 0]))
-    return math.hypot(float(turned[2, 0]), float(turned[2, 1]))
+__all__ = ["RecordedLog"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True, repr=False)
@@ -72,6 +53,8 @@ class RecordedLog(ReadOnDemand):
         others: sensors on the same topics that are left out.
         silent: topics whose unreadable scans another part counts.
         deskews: take each beam at its own time.
+        places: where the scans are; None where that is not known.
+        found: what reading scans has shown so far.
     """
 
     recording: Recording
@@ -88,10 +71,8 @@ class RecordedLog(ReadOnDemand):
     others: frozenset[str] = frozenset()
     silent: frozenset[str] = frozenset()
     deskews: bool = False
-    _skipped: Counter[str] = field(default_factory=Counter, init=False, repr=False)
-    _first: list[str] = field(default_factory=list, init=False, repr=False)
-    _restated: Counter[str] = field(default_factory=Counter, init=False, repr=False)
-    _leaning: list[float] = field(default_factory=list, init=False, repr=False)
+    places: ScanPlaces | None = None
+    found: Found = field(default_factory=Found, init=False, repr=False)
 
     @property
     def path(self) -> str:
@@ -123,34 +104,36 @@ class RecordedLog(ReadOnDemand):
     def skipped(self) -> Counter[str]:
         """Scans that could not be used, by reason, as far as the log has been read."""
         lost = 0 if self.continues else sum(each.messages or 1 for each in self.recording.damage)
-        return self._skipped + Counter({TRUNCATED: lost})
+        reasons = Counter(
+            "scan.no_pose" if isinstance(error, NoPoseError) else "scan.unreadable"
+            for error in self.found.bad.values()
+        )
+        left_out = sum(self.found.left_out.values())
+        return reasons + Counter({"beam.no_pose": left_out, TRUNCATED: lost})
 
     @property
     def notes(self) -> tuple[Note, ...]:
         """What to know about this log."""
-        found = list(self.opening_notes)
+        found, notes = self.found, list(self.opening_notes)
         if not self.continues:
-            found += [
+            notes += [
                 Note(str(each), code=TRUNCATED, severity="warning")
                 for each in self.recording.damage
             ]
-        for sensor, count in self._restated.items():
+        restated = Counter(found.restated[number] for number in sorted(found.restated))
+        for sensor, count in restated.items():
             text = f"{count} scans of {sensor} state other limits than its first one, which count"
-            found.append(Note(text, code="sensor.restated", severity="warning"))
-        if self._leaning:
-            most = math.degrees(math.asin(min(1.0, max(self._leaning))))
-            text = (
-                f"{len(self._leaning)} scans lean by more than {math.degrees(_LEANS):g} degrees, "
-            )
+            notes.append(Note(text, code="sensor.restated", severity="warning"))
+        if found.leaning:
+            most = math.degrees(math.asin(min(1.0, max(found.leaning.values()))))
+            text = f"{len(found.leaning)} scans lean by more than {math.degrees(LEANS):g} degrees, "
             text += f"up to {most:.3g}: they are mapped as if they were level"
-            found.append(Note(text, code="laser.leans_at_times", severity="warning"))
-        left_out = self._skipped["beam.no_pose"]
-        if left_out:
-            found.append(left_out_note(left_out))
-        if self._first:
-            count = self._skipped.total() - left_out
-            found.append(bad_scans(count, self._first[0]))
-        return tuple(found)
+            notes.append(Note(text, code="laser.leans_at_times", severity="warning"))
+        if left_out := sum(found.left_out.values()):
+            notes.append(left_out_note(left_out))
+        if found.bad:
+            notes.append(bad_scans(len(found.bad), found.bad[min(found.bad)]))
+        return tuple(notes)
 
     def parts(self) -> list[RecordedLog]:
         """The log, or where its sensors state different things one for those that agree."""
@@ -196,49 +179,65 @@ class RecordedLog(ReadOnDemand):
 
     def __iter__(self) -> Iterator[Scan | Any]:
         """The scans in the order of the file; can be started again."""
-        self._skipped.clear()
-        self._first.clear()
-        self._restated.clear()
-        self._leaning.clear()
+        return self._scans(START, 0, 0, None)
+
+    @property
+    def by_number(self) -> bool:
+        """Whether scans of some numbers can be read without those before them."""
+        return self.places is not None and self.recording.has_places
+
+    def between(self, first: int, past: int) -> Iterator[Scan | Any]:
+        """The scans of some numbers; where `by_number`, little else is read.
+
+        Args:
+            first: the first number, 0 or above.
+            past: the number after the last one; from `scan_count` on: all that come.
+        """
+        start, number = START, 0
+        if self.places is not None and self.by_number:
+            start, number = self.places.before((topic.name for topic in self.topics), first)
+        count = self.scan_count
+        return self._scans(start, number, first, None if count is None or past >= count else past)
+
+    def _scans(
+        self, start: Place, number: int, first: int, past: int | None
+    ) -> Iterator[Scan | Any]:
+        """The scans from one number on, up to another; `number` is the first one at `start`."""
         kinds = {topic.name: topic.type for topic in self.topics}
         # Messages are counted, the unreadable ones, too: what is skipped moves no number.
-        for number, message in enumerate(self.recording.messages(kinds)):
+        messages = enumerate(self.recording.messages(kinds, start), number)
+        for i, message in islice(messages, first - number, None if past is None else past - number):
             name = message.topic
             try:
                 beams = beams_of(kinds[name], message.data, self.units_per_metre)
                 sensor = sensor_id(name, beams)
                 if sensor in self.others:
                     continue
-                scan = self._moving(name, beams)
+                scan = self._moving(i, name, beams)
             except NoPoseError as error:
-                self._skip("scan.no_pose", name, error)
+                self.found.bad[i] = NoPoseError(f"{name}: {error}")
                 continue
             except InputError as error:
                 if not self.skip_bad:
                     raise InputError(f"{self.path}: {name}: {error}") from None
                 if name not in self.silent:
-                    self._skip("scan.unreadable", name, error)
+                    self.found.bad[i] = InputError(f"{name}: {error}")
                 continue
             stated = self.sensors.get(sensor, SensorInfo()).settings
             if beams.settings != stated:
-                self._restated[sensor] += 1
+                self.found.restated[i] = sensor
             object.__setattr__(scan, "stated", stated)
-            object.__setattr__(scan, "number", number)
+            object.__setattr__(scan, "number", i)
             object.__setattr__(scan, "sensor_id", sensor)
             yield scan
 
-    def _skip(self, reason: str, topic: str, error: InputError) -> None:
-        self._skipped[reason] += 1
-        if not self._first:
-            self._first.append(f"{topic}: {error}")
-
-    def _moving(self, topic: str, beams: Beams) -> Scan | DepthScan:
+    def _moving(self, number: int, topic: str, beams: Beams) -> Scan | DepthScan:
         """A scan, deskewed where that is asked for and its beams have times."""
         own, frame = beams.frame_from_sensor, beams.frame
         pose = self.sensor_poses.at(frame, beams.stamp_ns + self.clock_offset_ns)
         if own is not None:
             pose = pose @ own
-        scan = self._scan(topic, beams, pose)
+        scan = self._scan(number, topic, beams, pose)
         if not self.deskews or frame == self.sensor_poses.frame or isinstance(scan, DepthScan):
             return scan  # points in the map are where they were
 
@@ -248,10 +247,10 @@ class RecordedLog(ReadOnDemand):
 
         scan, left_out = deskew(scan, pose, at_times)
         if left_out:
-            self._skipped["beam.no_pose"] += left_out
+            self.found.left_out[number] = left_out
         return scan
 
-    def _scan(self, topic: str, beams: Beams, pose: Pose3) -> Scan | DepthScan:
+    def _scan(self, number: int, topic: str, beams: Beams, pose: Pose3) -> Scan | DepthScan:
         stamp = beams.stamp_ns + self.clock_offset_ns
         times = None if beams.after_ns is None else beams.after_ns + stamp
         if beams.depth is not None:
@@ -264,19 +263,9 @@ class RecordedLog(ReadOnDemand):
             object.__setattr__(scan, "beam_times_ns", times)
             return scan
         if self.ndim == 2:
-            lean = _lean(form_of(beams), pose)
-            if lean > math.sin(_LEANS):
-                self._leaning.append(lean)
-            flat, directions = _in_the_plane(pose, beams.directions)
+            lean = lean_of(form_of(beams), pose)
+            if lean > math.sin(LEANS):
+                self.found.leaning[number] = lean
+            flat, directions = in_the_plane(pose, beams.directions)
             return Scan(flat, directions, beams.ranges, stamp, beam_times_ns=times, trusted=True)
         return Scan(pose, beams.directions, beams.ranges, stamp, beam_times_ns=times, trusted=True)
-
-
-def _in_the_plane(pose: Pose3, directions: FloatArray) -> tuple[Pose2, FloatArray]:
-    """A level scan seen from above; that of a laser that hangs upside down runs the other way."""
-    x, y, _ = pose.translation.tolist()
-    yaw = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
-    flat = directions[:, :2]
-    if pose.rotation[2, 2] < 0.0:
-        flat = flat * np.array([1.0, -1.0])
-    return Pose2(x, y, yaw), flat

@@ -10,10 +10,17 @@ from typing import Any, Protocol
 
 from oddsmap.errors import InputError, as_line
 
-__all__ = ["TRUNCATED", "Damage", "Message", "Recording", "Topic", "shape_of", "stamp_of"]
+__all__ = [
+    "START", "TRUNCATED", "Damage", "Message", "Place", "Recording", "Topic", "shape_of",
+    "stamp_of",
+]  # fmt: skip
 
 # The reason under which messages are counted that a damaged file has lost.
 TRUNCATED = "container.truncated"
+
+Place = tuple[int, int]
+"""The number of a file of a recording, and the place in it."""
+START: Place = (0, -(1 << 63))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +69,13 @@ class Message:
         topic: its name.
         log_ns: when it was written [ns]; what it says of itself is in its header.
         data: the message with its fields as attributes, numbers in arrays.
+        place: where it is in the recording; places never fall, and several messages may share one.
     """
 
     topic: str
     log_ns: int
     data: Any
+    place: Place = START
 
 
 class Recording(Protocol):
@@ -92,8 +101,16 @@ class Recording(Protocol):
     def damage(self) -> Sequence[Damage]:
         """What is missing, as far as the file has been read; empty where nothing is."""
 
-    def messages(self, topics: Iterable[str]) -> Iterator[Message]:
+    @property
+    def has_places(self) -> bool:
+        """Whether reading from a place gives what reading all of it gives from there on."""
+
+    def messages(self, topics: Iterable[str], start: Place = START) -> Iterator[Message]:
         """The messages of some topics, in the order in which they were written.
+
+        Args:
+            topics: their names.
+            start: the place to begin at; what comes before is not read.
 
         Raises:
             InputError: the file is damaged.

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from oddsmap.errors import InputError, as_line
 from oddsmap.recordings.bag_file import BagFile
-from oddsmap.recordings.container import Channel
+from oddsmap.recordings.container import FIRST_PLACE, Channel
 from oddsmap.recordings.decoders import Decode, decoder_of, type_of, why_not_read
-from oddsmap.recordings.recording import Damage, Message, Topic
+from oddsmap.recordings.recording import START, Damage, Message, Place, Topic
 from oddsmap.recordings.recording_files import (
     Folder,
     is_recording_file,
@@ -55,13 +55,21 @@ class RosRecording:
             found.append(Damage(text, len(self._bad)))
         return self._with_what_is_listed(found)
 
-    def messages(self, topics: Iterable[str]) -> Iterator[Message]:
+    @property
+    def has_places(self) -> bool:
+        """Whether all of its files have them."""
+        return all(file.has_places for file in self._folder.files)
+
+    def messages(self, topics: Iterable[str], start: Place = START) -> Iterator[Message]:
         """The messages of some topics, in the order in which they were written."""
         wanted = {name for name in topics if name in self.topics and not self.topics[name].problem}
-        for file in self._folder.files:
+        for number, file in enumerate(self._folder.files):
+            if number < start[0]:
+                continue
             chosen = {key: each for key, each in file.channels.items() if each.topic in wanted}
             decoders = {key: self._decoder(channel) for key, channel in chosen.items()}
-            for key, log_ns, raw in file.raw(chosen):
+            begin = start[1] if number == start[0] else FIRST_PLACE
+            for key, log_ns, raw, place in file.raw(chosen, begin):
                 topic = chosen[key].topic
                 # Whatever a damaged message makes of it, but not what is done with the message.
                 try:
@@ -76,7 +84,7 @@ class RosRecording:
                         ) from None
                     self._bad[topic, log_ns] = reason
                     continue
-                yield Message(topic, log_ns, data)
+                yield Message(topic, log_ns, data, (number, place))
 
     def _decoder(self, channel: Channel) -> Decode:
         if channel not in self._decoders:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from oddsmap.errors import InputError
-from oddsmap.recordings.container import Channel, RawMessage, megabytes
+from oddsmap.recordings.container import FIRST_PLACE, Channel, PlacedMessage, megabytes
 from oddsmap.recordings.recording import Damage
 from oddsmap.recordings.sqlite_pages import SqlitePages
 
@@ -42,6 +42,7 @@ class SqliteFile:
         self._skip_bad = skip_bad
         self._damage: Damage | None = None
         self._pages: SqlitePages | None = None
+        self._rows_are_numbered = True
         self.channels: Mapping[int, Channel] = {}
         self.counts: Mapping[int, int] = {}
         self.span_ns: tuple[int, int] | None = None
@@ -64,29 +65,35 @@ class SqliteFile:
         """What is missing."""
         return [self._damage] if self._damage else []
 
-    def raw(self, wanted: Collection[int]) -> Iterator[RawMessage]:
-        """The messages of some channels, in the order in which they were written."""
+    @property
+    def has_places(self) -> bool:
+        """Not where it is damaged, for SQLite gives other rows than its pages hold."""
+        return self._pages is None and self._rows_are_numbered
+
+    def raw(self, wanted: Collection[int], start: int = FIRST_PLACE) -> Iterator[PlacedMessage]:
+        """The messages of some channels; a place is the number of a row."""
         keys = set(wanted)
-        last = -(1 << 63)
+        last = start - 1
         if self._pages is None:
             try:
-                for row, *message in self._rows(keys):
+                for row, key, log_ns, data in self._rows(keys, start):
                     last = row
-                    yield tuple(message)  # type: ignore[misc]
+                    yield key, log_ns, data, row
                 return
             except sqlite3.Error as error:
                 self._salvage(f"the recording is damaged ({error})", 0)
         pages = self._pages or SqlitePages(self._place)
         for row, key, log_ns, data in pages.messages():
             if key in keys and row > last:
-                yield key, log_ns, data
+                yield key, log_ns, data, row
 
-    def _rows(self, keys: set[int]) -> Iterator[tuple[int, int, int, bytes]]:
+    def _rows(self, keys: set[int], start: int) -> Iterator[tuple[int, int, int, bytes]]:
         listed = ",".join(str(int(key)) for key in keys) or "NULL"
+        later = "" if start == FIRST_PLACE else f"id >= {int(start)} AND "
         with closing(self._connect()) as base:
             yield from base.execute(
                 "SELECT id, topic_id, timestamp, data FROM messages "  # noqa: S608 - integers
-                f"WHERE topic_id IN ({listed}) ORDER BY id"
+                f"WHERE {later}topic_id IN ({listed}) ORDER BY id"
             )
 
     def _connect(self) -> sqlite3.Connection:
@@ -139,17 +146,19 @@ class SqliteFile:
         )
         self.channels = _channels_of(topics, schemas)
         counts: dict[int, int] = {}
-        first, last = 1 << 63, -1
-        for key, count, start, end in base.execute(
-            "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages "
-            "GROUP BY topic_id"
+        first, last, unnumbered = 1 << 63, -1, 0
+        for key, count, start, end, others in base.execute(
+            "SELECT topic_id, count(*), min(timestamp), max(timestamp), "
+            "sum(typeof(id) <> 'integer') FROM messages GROUP BY topic_id"
         ):
             if key not in self.channels or not isinstance(start, int) or not isinstance(end, int):
                 raise sqlite3.DatabaseError("messages of no topic, or without a time")
             counts[key] = count
+            unnumbered += others
             first, last = min(first, start), max(last, end)
         self.counts = counts
         self.span_ns = (first, last) if counts else None
+        self._rows_are_numbered = unnumbered == 0
 
     def _salvage(self, why: str, missing: int) -> None:
         """Read what there is from the pages themselves, which SQLite refuses to do."""

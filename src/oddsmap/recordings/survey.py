@@ -16,6 +16,7 @@ from oddsmap.recordings.depth_messages import camera_of, intrinsics_topic
 from oddsmap.recordings.poses import TF_TYPES, add_transforms
 from oddsmap.recordings.recording import Message, Recording, Topic, stamp_of
 from oddsmap.recordings.scan_messages import IMAGE, RANGE, beams_of
+from oddsmap.recordings.scan_places import ScanPlaces
 from oddsmap.recordings.transforms import TransformTree
 from oddsmap.scans.beam_timing import BeamTiming
 from oddsmap.scans.depth_image import PinholeCamera
@@ -76,6 +77,7 @@ class Survey:
         moves_late_ns: the same of transforms, by link; those that never change have no time.
         timings: when the beams of each topic were taken.
         bad: the first scan of each topic that makes no sense, and why.
+        places: where all scans are.
     """
 
     tree: TransformTree
@@ -88,6 +90,7 @@ class Survey:
     moves_late_ns: dict[tuple[str, str], list[int]] = field(default_factory=dict)
     timings: dict[str, BeamTiming] = field(default_factory=dict)
     bad: dict[str, str] = field(default_factory=dict)
+    places: ScanPlaces = field(default_factory=ScanPlaces)
 
     def only(self, topics: Sequence[Topic]) -> Survey:
         """What it has shown of some topics of scans."""
@@ -153,6 +156,7 @@ def survey(
                 late = message.log_ns - stamp_of(each.header)
                 found.moves_late_ns.setdefault(link, []).append(late)
         else:
+            found.places.add(name, message.place)
             if seen[name] % every[name] == 0:
                 try:
                     beams = beams_of(kinds[name], message.data, units_per_metre)

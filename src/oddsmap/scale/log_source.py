@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 from oddsmap.errors import InputError
 from oddsmap.integrate.forgetting import last_number, last_stamp
 from oddsmap.readers import open_log
+from oddsmap.recordings.recorded_log import RecordedLog
 from oddsmap.scale.answers import answering, worker_name
 from oddsmap.scans.found import Found
 from oddsmap.scans.lazy_log import LazyLog
@@ -61,7 +62,9 @@ class LogHead(LogItems):
         bad_lines: the first lines that could not be read, where the log knows them.
         points_in_map: poses do not move the points.
         by_number: its scans can be read without those before them.
+        read_to_open: all of it is read to open it.
         first: the first measurement, without its other beams; None: there is none.
+        first_beams: how many it had.
         inner: the same of each part, where there are several.
     """
 
@@ -75,7 +78,9 @@ class LogHead(LogItems):
     bad_lines: tuple[BadLine, ...]
     points_in_map: bool
     by_number: bool
+    read_to_open: bool
     first: Any
+    first_beams: int
     inner: list[LogHead] = field(default_factory=list)
 
     def parts(self) -> list[LogHead]:
@@ -157,8 +162,10 @@ def _head_of(log: Any) -> LogHead:
         notes=tuple(log.notes),
         bad_lines=tuple(getattr(log, "bad_lines", ())),
         points_in_map=bool(getattr(log, "points_in_map", False)),
-        by_number=isinstance(log, LazyLog),
+        by_number=isinstance(log, LazyLog) or (isinstance(log, RecordedLog) and log.by_number),
+        read_to_open=isinstance(log, RecordedLog),
         first=_thinned(first),
+        first_beams=int(getattr(first, "size", 1)),
     )
 
 
@@ -173,7 +180,7 @@ def _thinned(scan: Any) -> Any:
 
 def what_was_found(log: Any) -> Found:
     """What reading some scans of a log has shown; the log forgets it."""
-    return log.found.take() if isinstance(log, LazyLog) else Found()
+    return log.found.take() if isinstance(log, LazyLog | RecordedLog) else Found()
 
 
 def end_of(log: Any) -> LogEnd:
