@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A folder behind a simulated network: each request waits, and bytes come at a rate.
+"""A folder behind a simulated network: requests wait, some at a time, and bytes come at a rate.
 
 `register` makes fsspec know it as slow://, in this process and, by `client.run`, in workers; the
 URL's options are `request_s` and `mb_s`. The waiting is that of each worker for itself, as if each
@@ -14,7 +14,10 @@ from typing import Any
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
-__all__ = ["SlowStore", "register"]
+__all__ = ["AT_ONCE", "SlowStore", "register"]
+
+AT_ONCE = 16
+"""Requests that wait at the same time; fsspec's object stores have more."""
 
 
 class SlowStore(LocalFileSystem):  # type: ignore[misc]
@@ -36,19 +39,22 @@ class SlowStore(LocalFileSystem):  # type: ignore[misc]
         whole = str(path)
         return super()._strip_protocol(whole.removeprefix("slow://"))
 
-    def _wait(self, size: int) -> None:
-        time.sleep(self.request_s + size / 1e6 / self.mb_s)
+    def _wait(self, sizes: list[int]) -> None:
+        time.sleep(-(-len(sizes) // AT_ONCE) * self.request_s + sum(sizes) / 1e6 / self.mb_s)
 
-    def pipe_file(self, path: str, value: bytes, **options: Any) -> None:
+    def pipe(self, path: dict[str, bytes], value: None = None, **options: Any) -> None:
         """Write."""
-        self._wait(len(value))
-        super().pipe_file(path, value, **options)
+        self._wait([len(content) for content in path.values()])
+        for name, content in path.items():
+            self.pipe_file(name, content, **options)
 
-    def cat_file(self, path: str, start: int | None = None, end: int | None = None) -> bytes:
+    def cat_ranges(
+        self, paths: list[str], starts: list[int], ends: list[int], **options: Any
+    ) -> list[bytes]:
         """Read."""
-        content: bytes = super().cat_file(path, start, end)
-        self._wait(len(content))
-        return content
+        self._wait([end - start for start, end in zip(starts, ends, strict=True)])
+        found: list[bytes] = super().cat_ranges(paths, starts, ends, **options)
+        return found
 
 
 def register() -> None:

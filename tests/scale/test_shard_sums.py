@@ -15,7 +15,7 @@ from oddsmap import EvidenceMap, MapTooLargeError
 from oddsmap.evidence.stored_tiles import VOTES, Form
 from oddsmap.scale.chunk_task import PartRef, Weights
 from oddsmap.scale.group_tasks import Given, add_group
-from oddsmap.scale.map_places import LocalPlace
+from oddsmap.scale.map_places import LocalPlace, UrlPlace
 from oddsmap.scale.shard_records import (
     GROUP,
     PackedGroup,
@@ -197,3 +197,19 @@ def test_a_place_writes_whole_contents_and_none_after_its_end() -> None:
     with pytest.raises(OSError):
         place.put("a/b", b"late")
     assert not Path(folder).exists()
+
+
+def test_a_place_at_a_url() -> None:
+    pytest.importorskip("fsspec")
+    place = UrlPlace("memory://places")
+    place.put_all({"a/b": b"12345", "a/c": b"678"})
+    place.put_all({})
+    assert place.get_all([("a/b", 1, 3), ("a/c", 0, 2)]) == [b"234", b"67"]
+    assert place.get_all([]) == []
+    with pytest.raises(OSError, match="3 bytes where 9 were written"):
+        place.get_all([("a/c", 0, 2), ("a/b", 2, 9)])
+    with pytest.raises(OSError):
+        place.get_all([("a/b", 0, 1), ("a/d", 0, 1)])
+    place.remove("a")
+    with pytest.raises(OSError):
+        place.get("a/b", 0, 1)

@@ -104,11 +104,13 @@ def write_group(
         return found
     files, shards = [], add_shards(found, given.d, forms)
     count = (SHARD[given.d] // CHUNK[given.d]) ** given.d
+    contents: dict[str, bytes] = {}
     for shard in shards:
         at = tuple(i - first for i, first in zip(shard.place, first_place, strict=True))[::-1]
         for name, array in shard.arrays.items():
-            place.put(f"{folder}/{name}/c/{'/'.join(map(str, at))}", array.content)
+            contents[f"{folder}/{name}/c/{'/'.join(map(str, at))}"] = array.content
             files.append((name, at, shard_checksum(array.content, count)))
+    place.put_all(contents)
     return WrittenGroup(files, *totals_of(shards))
 
 
@@ -120,5 +122,5 @@ def _parts(
         if isinstance(each, Refusal):
             return each
         contents.append(each.content)
-    contents += [place.get(part.name, part.offset, part.length) for part in given.parts]
+    contents += place.get_all([(part.name, part.offset, part.length) for part in given.parts])
     return [split(content) for content in contents]

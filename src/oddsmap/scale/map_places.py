@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -46,12 +46,22 @@ class Place(Protocol):
             OSError: it cannot be written.
         """
 
+    def put_all(self, contents: Mapping[str, bytes]) -> None:
+        """Write several, by their names; where there is a network between, at the same time.
+
+        Raises:
+            OSError: one cannot be written; others may have been.
+        """
+
     def get(self, name: str, offset: int, length: int) -> bytes:
         """Read a part of a content.
 
         Raises:
             OSError: there is no such content, or it is shorter.
         """
+
+    def get_all(self, parts: Sequence[tuple[str, int, int]]) -> list[bytes]:
+        """Read several, each by name, offset and length; likewise."""
 
     def remove(self, name: str) -> None:
         """Remove a content, or all whose names begin with this and a slash."""
@@ -82,6 +92,15 @@ class LocalPlace:
             path.parent.mkdir(parents=True, exist_ok=True)
         part.write_bytes(content)
         part.replace(whole)
+
+    def put_all(self, contents: Mapping[str, bytes]) -> None:
+        """Write one after the other."""
+        for name, content in contents.items():
+            self.put(name, content)
+
+    def get_all(self, parts: Sequence[tuple[str, int, int]]) -> list[bytes]:
+        """Read one after the other."""
+        return [self.get(*part) for part in parts]
 
     def get(self, name: str, offset: int, length: int) -> bytes:
         """Read a part of a file."""
@@ -135,17 +154,35 @@ class UrlPlace:
 
     def put(self, name: str, content: bytes) -> None:
         """Write in one request; where there are folders, they are made."""
+        self.put_all({name: content})
+
+    def put_all(self, contents: Mapping[str, bytes]) -> None:
+        """Write each in one request, as many at the same time as fsspec sees fit."""
         files, root = self._files
-        path = f"{root}/{name}"
+        paths = {f"{root}/{name}": content for name, content in contents.items()}
         with suppress(NotImplementedError):  # a store of objects has no folders
-            files.makedirs(path.rpartition("/")[0], exist_ok=True)
-        files.pipe_file(path, content)
+            for folder in sorted({path.rpartition("/")[0] for path in paths}):
+                files.makedirs(folder, exist_ok=True)
+        if paths:
+            files.pipe(paths)
+
+    def get_all(self, parts: Sequence[tuple[str, int, int]]) -> list[bytes]:
+        """Read ranges of bytes, as many at the same time as fsspec sees fit."""
+        files, root = self._files
+        found: list[bytes] = files.cat_ranges(
+            [f"{root}/{name}" for name, _, _ in parts],
+            [offset for _, offset, _ in parts],
+            [offset + length for _, offset, length in parts],
+            on_error="raise",
+        )
+        return [
+            _whole(content, length, name)
+            for content, (name, _, length) in zip(found, parts, strict=True)
+        ]
 
     def get(self, name: str, offset: int, length: int) -> bytes:
         """Read a range of bytes."""
-        files, root = self._files
-        content: bytes = files.cat_file(f"{root}/{name}", start=offset, end=offset + length)
-        return _whole(content, length, name)
+        return self.get_all([(name, offset, length)])[0]
 
     def exists(self, name: str) -> bool:
         """Whether there is such a content, or any whose name begins with this and a slash."""
