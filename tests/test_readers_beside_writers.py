@@ -13,7 +13,7 @@ import pytest
 from oddsmap import EvidenceMap, load_map
 from oddsmap.atomic_write import swap
 from oddsmap.errors import InputError
-from oddsmap.evidence import store
+from oddsmap.evidence import store, stored_tiles
 from oddsmap.map_files import zarr_snapshot
 from oddsmap.map_files.zarr_header import read_header
 from tests.kit import ONE, Votes, add_votes, votes_of
@@ -85,13 +85,17 @@ ONE_MAP: Votes = {(1, 1): (ONE, 0), (1, 2000): (ONE, ONE)}
 OTHER: Votes = {(-5000, 1): (3 * ONE, ONE), (-5000, 2000): (0, ONE), (7, 7): (0, 9 * ONE)}
 
 
-@pytest.mark.parametrize("step", ["read_header", "SavedShards", "_check_counts"])
+@pytest.mark.parametrize(
+    ("room", "step"),
+    [(store, "read_header"), (store, "SavedShards"), (stored_tiles, "check_counts")],
+    ids=["header", "shards", "counts"],
+)
 def test_a_map_that_is_replaced_in_between(
-    step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    room: Any, step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.zarr"
     a_map(ONE_MAP).save(path)
-    real, times = getattr(store, step), []
+    real, times = getattr(room, step), []
 
     def replaced_before(*args: Any) -> Any:
         times.append(1)
@@ -99,7 +103,7 @@ def test_a_map_that_is_replaced_in_between(
             a_map(OTHER).save(path, force=True)
         return real(*args)
 
-    monkeypatch.setattr(store, step, replaced_before)
+    monkeypatch.setattr(room, step, replaced_before)
     assert votes_of(load_map(path)) == OTHER
     assert len(times) > 1
 

@@ -53,11 +53,11 @@ def test_the_block_prints_what_it_should(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from oddsmap.scale import cluster
+    from oddsmap.scale import reaching
 
     shutil.copytree(clouds, tmp_path / "clouds")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(cluster, "_local", lambda workers: _Kept(threads_of_dask))
+    monkeypatch.setattr(reaching, "_local", lambda workers: _Kept(threads_of_dask))
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.S | re.M)
     (block,) = (each for each in blocks if ON_CLUSTER in each)
     exec(compile(block, PAGE.name, "exec"), {"__name__": "__main__"})
