@@ -20,7 +20,7 @@ AT_ONCE = 16
 """Requests that wait at the same time; fsspec's object stores have more."""
 
 
-class SlowStore(LocalFileSystem):  # type: ignore[misc]
+class SlowStore(LocalFileSystem):  # type: ignore[misc]  # fsspec has no types
     """Files of this machine that take their time.
 
     Args:

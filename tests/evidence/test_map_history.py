@@ -113,7 +113,7 @@ class TestRepository:
                 assert votes_of(state) == votes_of(whole)
                 assert (state.provenance, state.config) == (whole.provenance, whole.config)
                 if state.cell_count():
-                    assert np.array_equal(state.bounds(), whole.bounds())  # type: ignore[arg-type]
+                    assert np.array_equal(state.bounds(), whole.bounds())  # type: ignore[arg-type]  # neither is empty
             assert votes_of(history.load()) == votes_of(total)
             assert history.like().config == total.config
 

@@ -79,7 +79,7 @@ def test_parts_add_up_as_cells_do(drawn: tuple[int, list[Votes]]) -> None:
         packed = split(packed_groups(own)[group].content)
         assert stored(sums, d) == stored(packed, d)
         # Adding up as the map is stored is adding up, and storing.
-        how = {name: form_of([Weights(census.largest, census.whole_votes)]) for name in VOTES}
+        how = {name: form_of([Weights.of(census)]) for name in VOTES}
         given = [split(each[group].content) for each in groups if group in each]
         assert [shard.arrays for shard in add_shards(given, d, how)] == [
             {name: in_form(array, how[name], d) for name, array in shard.arrays.items()}
@@ -120,8 +120,7 @@ def test_many_parts_in_any_order_and_by_way_of_sums(tmp_path: Path) -> None:
 
 
 def part_ref(name: str, group: PackedGroup) -> PartRef:
-    weights = [Weights(each.largest, each.whole_votes) for each in (group.votes, group.lengths)]
-    return PartRef(name, 0, len(group.content), *weights)
+    return PartRef(name, 0, len(group.content), Weights.of(group.votes), Weights.of(group.lengths))
 
 
 def weights(*each: float) -> list[Weights]:
@@ -181,6 +180,10 @@ def test_a_damaged_part(cut: int) -> None:
     with pytest.raises(ValueError, match="a part of a map"):
         split(content[:cut])
     assert packed_group(split(content)).content == content
+    at = content.index(b'"uint8"')
+    for changed in (content[:at] + b'"uint9"' + content[at + 7 :], b"\0" + content[1:]):
+        with pytest.raises(ValueError, match="a part of a map is damaged"):
+            split(changed)
 
 
 def test_a_place_writes_whole_contents_and_none_after_its_end() -> None:

@@ -21,7 +21,7 @@ from oddsmap.atomic_write import one_writer
 from oddsmap.errors import InputError, OutputError
 from oddsmap.evidence.append_arrays import UntouchedShards, form_of_sum
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.store import _empty_map, _fill, _header_of, attributes_of, read_empty
+from oddsmap.evidence.store import attributes_of, empty_map, fill_map, map_header, read_empty
 from oddsmap.evidence.stored_tiles import Place, StoredShard, reached_shards, stored_tiles
 from oddsmap.map_files.side_by_side import do_side_by_side
 from oddsmap.map_files.zarr_folder import SHARD, new_folder, shard_files
@@ -158,15 +158,15 @@ def _append(evidence: Evidence, path: Path, *, any_sensor: bool) -> Appended:
 
 def _read_reached(path: Path, evidence: Evidence, *, any_sensor: bool) -> _Old:
     """Read the shards that evidence reaches; errors as in `read_map`, or the two do not add up."""
-    header = _header_of(path)
-    touched = _empty_map(path, Evidence, header)
+    header = map_header(path)
+    touched = empty_map(path, Evidence, header)
     _check_same_kind(touched, evidence, path, any_sensor=any_sensor)
     d, shards = touched.ndim, SavedShards(path, header)
     there = set(shards.places(header.arrays))  # which looks for all that were written
     files = {name: [tuple(at) for at in shard_files(path, name, d)] for name in header.arrays}
     reached = reached_shards(evidence) - header.origin_cell // SHARD[d]
     places = [at for at in (tuple(place[::-1].tolist()) for place in reached) if at in there]
-    _fill(touched, shards, None, None, places=places)
+    fill_map(touched, shards, None, None, places=places)
     lo, hi = (
         np.array(whole_numbers(header.attributes, f"known_cells_{end}"), np.int64)
         for end in ("lo", "hi")

@@ -24,7 +24,14 @@ from oddsmap.evidence.stored_tiles import Form, Place, stored_tiles
 from oddsmap.kernels.units import FRACTION_BITS, ONE
 from oddsmap.map_files.icechunk_snapshot import Snapshot
 from oddsmap.map_files.shard_bytes import pack_shard, shard_index
-from oddsmap.map_files.zarr_folder import ARRAYS, CHUNK, EVIDENCE_MAP, FORMAT_VERSION, SHARD
+from oddsmap.map_files.zarr_folder import (
+    ARRAYS,
+    CHUNK,
+    CHUNKS_IN_SHARD,
+    EVIDENCE_MAP,
+    FORMAT_VERSION,
+    SHARD,
+)
 from oddsmap.map_files.zarr_header import Header, array_header
 from oddsmap.map_files.zarr_metadata import array_json, group_json
 from oddsmap.map_files.zarr_shards import SavedChunks, SavedShards
@@ -149,7 +156,7 @@ class HistoryShards(SavedShards):
 
     def _frames(self, name: str, place: Place) -> dict[int, bytes]:
         content = self._read.get(_key(name, place))
-        count = (SHARD[self.ndim] // CHUNK[self.ndim]) ** self.ndim
+        count = CHUNKS_IN_SHARD[self.ndim]
         return {} if content is None else shard_index(content, count, _key(name, place))
 
 
@@ -165,7 +172,7 @@ class _Packed:
 
     def __init__(self, d: int) -> None:
         self.files: dict[str, bytes | None] = {}
-        self._count = (SHARD[d] // CHUNK[d]) ** d
+        self._count = CHUNKS_IN_SHARD[d]
 
     def create(
         self, name: str, dtype: npt.DTypeLike, fill_value: float, attributes: Mapping[str, Any]

@@ -34,7 +34,7 @@ from oddsmap.evidence.history_shards import (
     packed,
     place_of_cell_0,
 )
-from oddsmap.evidence.store import _empty_map
+from oddsmap.evidence.store import empty_map
 from oddsmap.evidence.stored_tiles import reached_shards
 from oddsmap.map_files.icechunk_repository import CommitRecord, Repository
 from oddsmap.map_files.icechunk_snapshot import Snapshot
@@ -221,7 +221,7 @@ class MapHistory(Generic[E]):
 
     def _opened(self, snapshot: Snapshot, kind: type[T]) -> tuple[T, HistoryShards]:
         shards = HistoryShards(self.name, snapshot)
-        return _empty_map(shards.path, kind, shards.header), shards
+        return empty_map(shards.path, kind, shards.header), shards
 
     def _reached(self, evidence: Evidence) -> IntArray:
         if evidence.bounds() is None:

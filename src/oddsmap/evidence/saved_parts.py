@@ -13,7 +13,7 @@ import numpy as np
 from oddsmap.array_types import IntArray
 from oddsmap.errors import InputError
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.store import _empty_map, _fill, _header_of
+from oddsmap.evidence.store import empty_map, fill_map, map_header
 from oddsmap.map_files.zarr_folder import SHARD
 from oddsmap.map_files.zarr_header import Header, whole_numbers
 from oddsmap.map_files.zarr_shards import SavedShards
@@ -49,8 +49,8 @@ class SavedParts(Generic[E]):
 
         def read() -> tuple[Mark | None, Header]:
             before = mark_of(self.path)
-            header = _header_of(self.path)
-            self.like = _empty_map(self.path, kind, header)
+            header = map_header(self.path)
+            self.like = empty_map(self.path, kind, header)
             return before, header
 
         self._mark, self._header = read_unchanged(self.path, read)
@@ -74,7 +74,7 @@ class SavedParts(Generic[E]):
 
     def read_box(self, lo: IntArray, hi: IntArray) -> E:
         """The cells of a box: from lo on and before hi, shape (d,); errors as in `each`."""
-        return self._unchanged(lambda shards, part: _fill(part, shards, lo, hi))
+        return self._unchanged(lambda shards, part: fill_map(part, shards, lo, hi))
 
     def read_shard(self, place: IntArray) -> E | None:
         """The cells of a shard; None: the map does not reach so far. Errors as in `each`."""
@@ -82,7 +82,9 @@ class SavedParts(Generic[E]):
         count = tuple(n // SHARD[self.like.ndim] for n in self._header.shape)
         if not all(0 <= i < n for i, n in zip(own, count, strict=True)):
             return None
-        return self._unchanged(lambda shards, part: _fill(part, shards, None, None, places=[own]))
+        return self._unchanged(
+            lambda shards, part: fill_map(part, shards, None, None, places=[own])
+        )
 
     def places(self) -> list[IntArray]:
         """The shards that hold something, as `read_shard` takes them, z before y before x.
@@ -104,7 +106,7 @@ class SavedParts(Generic[E]):
         Raises:
             InputError: a shard is damaged or missing, or the map was replaced since it was opened.
         """
-        self._unchanged(lambda shards, part: _fill(part, shards, None, None, take=take))
+        self._unchanged(lambda shards, part: fill_map(part, shards, None, None, take=take))
 
     def _unchanged(self, fill: Callable[[SavedShards, E], None]) -> E:
         """What `fill` makes of an empty map, if the saved one is still the one that was opened."""

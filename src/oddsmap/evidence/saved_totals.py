@@ -11,7 +11,7 @@ import numpy as np
 
 from oddsmap.array_types import IntArray
 from oddsmap.evidence.evidence import Evidence
-from oddsmap.evidence.store import _read
+from oddsmap.evidence.store import read_once
 from oddsmap.map_files.zarr_snapshot import read_unchanged
 
 __all__ = ["SavedTotals", "read_totals"]
@@ -60,7 +60,7 @@ def read_totals(path: str | os.PathLike[str], kind: type[T]) -> T:
 
     def read() -> T:
         totals = kind()
-        totals.like = _read(Path(path), Evidence, None, None, take=totals.add)
+        totals.like = read_once(Path(path), Evidence, None, None, take=totals.add)
         return totals
 
     return read_unchanged(Path(path), read)

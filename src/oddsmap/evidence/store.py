@@ -60,11 +60,15 @@ from oddsmap.map_files.zarr_snapshot import holds, read_unchanged
 __all__ = [
     "MapWriter",
     "attributes_of",
+    "empty_map",
     "extent_of",
+    "fill_map",
     "is_map",
+    "map_header",
     "new_saved_map",
     "read_empty",
     "read_map",
+    "read_once",
     "save_map",
     "stores_of",
 ]
@@ -190,15 +194,15 @@ def read_map(
     """Read evidence that `save_map` wrote, as that class: see `oddsmap.load_map`."""
     box_lo = indices_in(lo) if lo is not None else None
     box_hi = indices_in(hi) if hi is not None else None
-    return read_unchanged(Path(path), lambda: _read(Path(path), kind, box_lo, box_hi))
+    return read_unchanged(Path(path), lambda: read_once(Path(path), kind, box_lo, box_hi))
 
 
 def read_empty(path: str | os.PathLike[str], kind: type[E]) -> E:
     """What a saved map says of itself: the same map without evidence; errors as in `read_map`."""
-    return read_unchanged(Path(path), lambda: _empty_map(Path(path), kind, _header_of(Path(path))))
+    return read_unchanged(Path(path), lambda: empty_map(Path(path), kind, map_header(Path(path))))
 
 
-def _read(
+def read_once(
     path: Path,
     kind: type[E],
     lo: IntArray | None,
@@ -206,18 +210,18 @@ def _read(
     take: Callable[[E], None] | None = None,
 ) -> E:
     """Read a map once; `take` gets what each shard holds, and then the map is empty again."""
-    header = _header_of(path)
-    evidence = _empty_map(path, kind, header)
+    header = map_header(path)
+    evidence = empty_map(path, kind, header)
     d = evidence.ndim
     if any(box is not None and box.shape != (d,) for box in (lo, hi)):
         raise InputError(f"{path}: a box needs {d} indices each, got lo {lo} and hi {hi}")
     if lo is not None and hi is not None:
         cell_box(lo, hi, d)
-    _fill(evidence, SavedShards(path, header), lo, hi, take=take)
+    fill_map(evidence, SavedShards(path, header), lo, hi, take=take)
     return evidence
 
 
-def _fill(
+def fill_map(
     evidence: E,
     shards: SavedShards,
     lo: IntArray | None,
@@ -236,7 +240,8 @@ def _fill(
                 stored.tiles.clear()
 
 
-def _header_of(path: Path) -> Header:
+def map_header(path: Path) -> Header:
+    """The header of a saved map; what is damaged is a ValueError, or another of `DAMAGE`."""
     if format_of(path) == FULL_MAP:
         raise InputError(
             f"{path}: a full map, which has no hits and passes: read it with oddsmap.load_full_map"
@@ -251,7 +256,8 @@ def _header_of(path: Path) -> Header:
     return read_header(path, EVIDENCE_MAP)
 
 
-def _empty_map(path: Path, kind: type[E], header: Header) -> E:
+def empty_map(path: Path, kind: type[E], header: Header) -> E:
+    """A map of the settings and the provenance in a header, without evidence; errors as above."""
     attributes = header.attributes
     config = Config.from_dict(attributes["config"], str(path))
     _check(header, config)

@@ -57,6 +57,7 @@ ARRAYS = {EVIDENCE_MAP: ("hits", "passes", "lengths"), FULL_MAP: ("log_odds", "m
 CHUNK = {2: 128, 3: 32}
 """Side of a chunk [cells], the unit of compression."""
 SHARD = {2: 1024, 3: 128}
+CHUNKS_IN_SHARD = {d: (SHARD[d] // CHUNK[d]) ** d for d in SHARD}
 """Side of a shard [cells], which is one file."""
 
 # Coordinates of more cells are not written, or two far cells would make a map of gigabytes.
@@ -120,7 +121,7 @@ class NewFolder:
             chunks: their cells, of the array's type, shape (n, chunk^d), x fastest.
         """
         d = len(self.shape)
-        count = (SHARD[d] // CHUNK[d]) ** d
+        count = CHUNKS_IN_SHARD[d]
         content = pack_shard(numbers, chunks, count, self._fills[name])
         if content is not None:
             file = self.path.joinpath(name, "c", *map(str, place))

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from oddsmap.array_types import IntArray
 from oddsmap.map_files.shard_bytes import shard_checksum, shard_index, unpack_chunk
-from oddsmap.map_files.zarr_folder import CHUNK, SHARD, shard_files
+from oddsmap.map_files.zarr_folder import CHUNK, CHUNKS_IN_SHARD, SHARD, shard_files
 from oddsmap.map_files.zarr_header import Header
 
 __all__ = ["SavedChunks", "SavedShards"]
@@ -135,7 +135,7 @@ class SavedShards:
         # What cannot be packed is hardly longer.
         if file.stat().st_size > 2 * SHARD[d] ** d * dtype.itemsize:
             raise ValueError(f"{self._file(name, place)} is larger than its cells")
-        count = (SHARD[d] // CHUNK[d]) ** d
+        count = CHUNKS_IN_SHARD[d]
         content = file.read_bytes()
         frames = shard_index(content, count, self._file(name, place))
         checksum = self.header.checksums.get(name, {}).get(place)

@@ -58,6 +58,11 @@ class Weights(NamedTuple):
     whole_votes: bool
     """Whether every weight is a number of whole votes."""
 
+    @classmethod
+    def of(cls, census: Census) -> Weights:
+        """Those of what was counted."""
+        return cls(census.largest, census.whole_votes)
+
 
 class PartRef(NamedTuple):
     """Where there is a part of a group of shards, and what its arrays need."""
@@ -123,7 +128,7 @@ def map_chunk(chunk: Chunk, empty: Evidence, place: Place, folder: str) -> Mappe
         place.put(name, content)
     parts, at, votes, lengths = {}, 0, NOTHING, NOTHING
     for group, made in groups.items():
-        weights = [Weights(each.largest, each.whole_votes) for each in (made.votes, made.lengths)]
+        weights = Weights.of(made.votes), Weights.of(made.lengths)
         parts[group] = PartRef(name, at, len(made.content), *weights)
         at += len(made.content)
         votes, lengths = votes.joined(made.votes), lengths.joined(made.lengths)

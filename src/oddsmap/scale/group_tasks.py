@@ -10,7 +10,7 @@ from typing import NamedTuple
 from oddsmap.evidence.stored_tiles import Form
 from oddsmap.evidence.tiles import Census
 from oddsmap.map_files.shard_bytes import shard_checksum
-from oddsmap.map_files.zarr_folder import CHUNK, SHARD
+from oddsmap.map_files.zarr_folder import CHUNKS_IN_SHARD
 from oddsmap.scale.answers import Refusal, answering
 from oddsmap.scale.chunk_task import PartRef, Weights
 from oddsmap.scale.map_places import Place
@@ -73,8 +73,7 @@ def weights_of(group: PackedGroup | Refusal) -> tuple[Weights, Weights] | Refusa
     """A task: what decides about forms, votes and lengths, without the group itself."""
     if isinstance(group, Refusal):
         return group
-    votes, lengths = (Weights(each.largest, each.whole_votes) for each in group[1:])
-    return votes, lengths
+    return Weights.of(group.votes), Weights.of(group.lengths)
 
 
 @answering
@@ -103,7 +102,7 @@ def write_group(
     if isinstance(found, Refusal):
         return found
     files, shards = [], add_shards(found, given.d, forms)
-    count = (SHARD[given.d] // CHUNK[given.d]) ** given.d
+    count = CHUNKS_IN_SHARD[given.d]
     contents: dict[str, bytes] = {}
     for shard in shards:
         at = tuple(i - first for i, first in zip(shard.place, first_place, strict=True))[::-1]

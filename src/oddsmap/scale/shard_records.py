@@ -12,6 +12,7 @@ import json
 import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from oddsmap.evidence.evidence import Evidence
 from oddsmap.evidence.stored_tiles import VOTES, Form, StoredShard, stored_tiles
 from oddsmap.evidence.tiles import NOTHING, Census
 from oddsmap.map_files.shard_bytes import pack_shard
-from oddsmap.map_files.zarr_folder import CHUNK, SHARD
+from oddsmap.map_files.zarr_folder import CHUNKS_IN_SHARD
 
 __all__ = [
     "GROUP", "Index", "PackedArray", "PackedGroup", "PackedShard",
@@ -29,7 +30,8 @@ __all__ = [
 GROUP = {2: 1, 3: 4}
 """Side of a group of shards, which has one owner: 51 m for 2D maps of 0.05 m, 3D ones of 0.1 m."""
 
-_LENGTH = struct.Struct("<Q")
+# Of the JSON: its length and its CRC-32; contents have checksums of their own.
+_BEGIN = struct.Struct("<QI")
 
 Index = tuple[int, ...]
 
@@ -90,7 +92,7 @@ def _packed(shard: StoredShard) -> PackedShard:
     d, (unit, dtype) = shard.of.tiles.ndim, shard.form
     arrays = {}
     for name, chunks in shard.arrays():
-        content = pack_shard(shard.blocks.numbers, chunks, (SHARD[d] // CHUNK[d]) ** d, 0)
+        content = pack_shard(shard.blocks.numbers, chunks, CHUNKS_IN_SHARD[d], 0)
         if content is not None:
             arrays[name] = PackedArray(dtype.name, unit, content)
     census = shard.of.tiles.census(shard.blocks.blocks)
@@ -105,14 +107,14 @@ def _together(one: PackedShard, other: PackedShard) -> PackedShard:
 
 
 def packed_group(shards: Sequence[PackedShard]) -> PackedGroup:
-    """Packed shards as bytes: what they are as JSON, behind its length, and their contents."""
+    """Packed shards as bytes: JSON of what they are, behind its length and CRC-32, and contents."""
     head, contents = [], []
     for shard in shards:
         arrays = [[name, a.dtype, a.unit, len(a.content)] for name, a in shard.arrays.items()]
         head.append([shard.place, arrays, _listed(shard.votes), _listed(shard.lengths)])
         contents += [array.content for array in shard.arrays.values()]
     text = json.dumps(head, separators=(",", ":")).encode()
-    content = b"".join([_LENGTH.pack(len(text)), text, *contents])
+    content = b"".join([_BEGIN.pack(len(text), crc32(text)), text, *contents])
     return PackedGroup(content, *totals_of(shards))
 
 
@@ -143,10 +145,13 @@ def split(content: bytes) -> list[PackedShard]:
         ValueError: it is damaged.
     """
     try:
-        (length,) = _LENGTH.unpack_from(content)
-        at = _LENGTH.size + length
+        length, checksum = _BEGIN.unpack_from(content)
+        at = _BEGIN.size + length
+        text = content[_BEGIN.size : at]
+        if crc32(text) != checksum:
+            raise ValueError("its checksum is another")
         shards = []
-        for place, listed, votes, lengths in json.loads(content[_LENGTH.size : at]):
+        for place, listed, votes, lengths in json.loads(text):
             arrays = {}
             for name, dtype, unit, size in listed:
                 arrays[name] = PackedArray(dtype, unit, content[at : at + size])

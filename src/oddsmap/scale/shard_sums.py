@@ -16,7 +16,7 @@ from oddsmap.evidence.stored_tiles import LENGTHS, VOTES, Form
 from oddsmap.evidence.tiles import HEAVIEST, NOTHING, Census
 from oddsmap.kernels.units import ONE
 from oddsmap.map_files.shard_bytes import pack_shard, shard_index, unpack_chunk
-from oddsmap.map_files.zarr_folder import CHUNK, SHARD
+from oddsmap.map_files.zarr_folder import CHUNK, CHUNKS_IN_SHARD
 from oddsmap.scale.shard_records import Index, PackedArray, PackedShard
 
 __all__ = ["add_shards", "in_form"]
@@ -75,7 +75,7 @@ def _add(
 ) -> tuple[dict[str, PackedArray], Census]:
     """Add up some arrays of one shard, which are counted together."""
     given = {name: [arrays[name] for arrays, _ in parts if name in arrays] for name in names}
-    count = (SHARD[d] // CHUNK[d]) ** d
+    count = CHUNKS_IN_SHARD[d]
     frames = {
         name: [shard_index(array.content, count, name) for array in arrays]
         for name, arrays in given.items()
@@ -157,7 +157,7 @@ def in_form(array: PackedArray, form: Form, d: int) -> PackedArray:
     """
     if (array.dtype, array.unit) == (form.dtype.name, form.unit):
         return array
-    count = (SHARD[d] // CHUNK[d]) ** d
+    count = CHUNKS_IN_SHARD[d]
     frames = shard_index(array.content, count, "a part of a map")
     cells = np.empty((len(frames), CHUNK[d] ** d), array.dtype)
     for row, frame in zip(cells, frames.values(), strict=True):
